@@ -1,0 +1,75 @@
+//! The number type: `f64` on the host, `f32` on the microcontroller.
+//!
+//! Everything numeric in this crate is generic over [`Scalar`]. Functions beyond
+//! arithmetic go to `libm` on every platform (nalgebra's feature `libm-force`),
+//! so that the host computes the bits that the target computes.
+
+use nalgebra::{Point2, RealField, Vector2};
+use serde::{Serialize, de::DeserializeOwned};
+
+/// `f32` or `f64`.
+pub trait Scalar:
+    RealField + Copy + Default + Serialize + DeserializeOwned + num_limits::Limits + 'static
+{
+    /// The nearest value of this type to an `f64`.
+    fn of(value: f64) -> Self;
+    /// This value as `f64`, exactly.
+    fn to_f64(self) -> f64;
+    /// A count as a number; exact up to 2^24 for `f32`.
+    fn count(n: usize) -> Self {
+        Self::of(n as f64)
+    }
+    /// Not NaN and not infinite. (`RealField::is_finite` under a name that does not collide.)
+    fn finite(self) -> bool;
+    /// The next smaller representable number; for a positive finite input.
+    fn next_below(self) -> Self;
+    /// Total order, NaN last: for sorting without a panic.
+    fn order(&self, other: &Self) -> core::cmp::Ordering;
+}
+
+mod num_limits {
+    /// Precision-dependent constants.
+    pub trait Limits {
+        /// Distance from 1 to the next larger number.
+        const EPSILON: Self;
+        /// Relative tolerance within which a constraint counts as kept:
+        /// 1e-9 in double, 1e-5 in single precision.
+        const CONSTRAINT_TOLERANCE: Self;
+    }
+}
+pub use num_limits::Limits;
+
+macro_rules! scalar {
+    ($t:ty, $tolerance:literal) => {
+        impl Limits for $t {
+            const EPSILON: Self = <$t>::EPSILON;
+            const CONSTRAINT_TOLERANCE: Self = $tolerance;
+        }
+        impl Scalar for $t {
+            fn of(value: f64) -> Self {
+                value as $t
+            }
+            fn to_f64(self) -> f64 {
+                f64::from(self)
+            }
+            fn finite(self) -> bool {
+                <$t>::is_finite(self)
+            }
+            fn next_below(self) -> Self {
+                self.next_down()
+            }
+            fn order(&self, other: &Self) -> core::cmp::Ordering {
+                self.total_cmp(other)
+            }
+        }
+    };
+}
+scalar!(f32, 1e-5);
+scalar!(f64, 1e-9);
+
+/// A place on the map, metres: `x` east, `y` north (the paper's `q_n`, `u_m`, `v_j` without
+/// their heights). Altitude is a parameter of the mission.
+pub type Position<T> = Point2<T>;
+
+/// A difference of two [`Position`]s, metres.
+pub type Displacement<T> = Vector2<T>;
