@@ -5,6 +5,16 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod aircomp;
+pub mod channel;
+pub mod inner;
+pub mod mission;
 pub mod scalar;
+pub mod shield;
+#[cfg(test)]
+mod test_missions;
+pub mod units;
 
+pub use mission::Mission;
 pub use scalar::{Displacement, Position, Scalar};
+pub use units::{PowerGain, Watt};

@@ -1,0 +1,188 @@
+//! The slot problem (eq:p1): the powers, coefficients and normalising factor that give the
+//! served user the highest rate while the average stays accurate.
+//!
+//! ```text
+//! maximise R   subject to   MSE <= Gamma,  |b_j|^2 <= p_b^max,  0 <= p <= p^max,  eta >= 0
+//! ```
+//!
+//! [`exact`] solves it in closed form and is the default.
+//!
+//! Outcomes are values: a slot in which no choice meets `Gamma` is [`Status::Infeasible`], with
+//! the least MSE that can be had; errors are for input that is not a slot problem.
+
+pub mod exact;
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    mission::Mission,
+    scalar::Scalar,
+    units::{PowerGain, Watt},
+};
+
+/// What bounds a slot whatever the channel: the mission's powers, noise and threshold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SlotLimits<T> {
+    /// `p_b^max`.
+    pub sensor_power_max: Watt<T>,
+    /// `p^max`.
+    pub user_power_max: Watt<T>,
+    /// `sigma^2`, above 0.
+    pub noise_power: Watt<T>,
+    /// `Gamma`, above 0 and below `1/J`.
+    pub mse_threshold: T,
+}
+
+impl<T: Scalar> SlotLimits<T> {
+    /// The limits of a mission.
+    pub fn of_mission<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        let p = mission.parameters();
+        Self {
+            sensor_power_max: p.sensor_power_max,
+            user_power_max: p.user_power_max,
+            noise_power: p.noise_power,
+            mse_threshold: p.mse_threshold,
+        }
+    }
+
+    /// `kappa = J (1 - J Gamma)`: with the best `eta`, `MSE <= Gamma` is `A^2 >= kappa (q + E)`.
+    pub fn kappa(&self, sensors: usize) -> T {
+        let sensors = T::count(sensors);
+        sensors * (T::one() - sensors * self.mse_threshold)
+    }
+
+    /// The largest coefficient `b` with `b^2 <= p_b^max` in this arithmetic, exactly: the
+    /// rounded square root may square to more.
+    pub fn coefficient_max(&self) -> T {
+        let root = self.sensor_power_max.0.sqrt();
+        if root * root > self.sensor_power_max.0 {
+            root.next_below()
+        } else {
+            root
+        }
+    }
+
+    fn check(&self, sensors: usize) -> Result<(), SlotError<T>> {
+        let not_negative = |field, value: T| {
+            if value.finite() && value >= T::zero() {
+                return Ok(());
+            }
+            let expected = "a finite power of at least 0 W";
+            Err(SlotError::OutOfRange {
+                field,
+                value,
+                expected,
+            })
+        };
+        not_negative("sensor_power_max", self.sensor_power_max.0)?;
+        not_negative("user_power_max", self.user_power_max.0)?;
+        if !(self.noise_power.0.finite() && self.noise_power.0 > T::zero()) {
+            return Err(SlotError::OutOfRange {
+                field: "noise_power",
+                value: self.noise_power.0,
+                expected: "a finite power above 0 W",
+            });
+        }
+        if sensors == 0 {
+            return Err(SlotError::NoSensors);
+        }
+        let threshold = self.mse_threshold;
+        if !(threshold.finite() && threshold > T::zero() && self.kappa(sensors) > T::zero()) {
+            return Err(SlotError::OutOfRange {
+                field: "mse_threshold",
+                value: threshold,
+                expected: "above 0 and below 1/J: from there on an all-zero estimate is accurate enough and no sensor would transmit",
+            });
+        }
+        Ok(())
+    }
+}
+
+/// What holds the rate of an optimal slot back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LimitedBy {
+    /// The accuracy of the average: more user power would spoil it.
+    Accuracy,
+    /// The user's power: it transmits at `p^max`.
+    Power,
+    /// Nothing to hold back: nobody is served, or the user cannot be heard, and the slot is
+    /// spent on the least MSE.
+    None,
+}
+
+/// How a slot came out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status<T> {
+    /// The global optimum of eq:p1.
+    Optimal {
+        /// What holds it back.
+        limited_by: LimitedBy,
+    },
+    /// No choice meets `Gamma`. The user is silent and the average has the MSE below.
+    Infeasible {
+        /// The smallest MSE that these channels allow.
+        least_mse: T,
+    },
+}
+
+impl<T> Status<T> {
+    /// Whether the average is as accurate as asked.
+    pub fn is_feasible(&self) -> bool {
+        matches!(self, Status::Optimal { .. })
+    }
+}
+
+/// Input that is not a slot problem.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SlotError<T: fmt::Display> {
+    /// No sensor: there is nothing to average.
+    #[error("sensor_gain is empty, but at least one sensor must be averaged")]
+    NoSensors,
+    /// A sensor's gain is NaN, infinite or negative.
+    #[error("sensor_gain[{index}] is {value}, but must be a finite power gain of at least 0")]
+    SensorGain {
+        /// Which sensor.
+        index: usize,
+        /// Its gain.
+        value: T,
+    },
+    /// The user's gain is NaN, infinite or negative.
+    #[error("user_gain is {value}, but must be a finite power gain of at least 0")]
+    UserGain {
+        /// The gain.
+        value: T,
+    },
+    /// A limit is not one.
+    #[error("{field} is {value}, but must be {expected}")]
+    OutOfRange {
+        /// Which.
+        field: &'static str,
+        /// Its value.
+        value: T,
+        /// What would be right.
+        expected: &'static str,
+    },
+    /// The workspace is too small.
+    #[error("{sensors} sensors do not fit into room for {capacity}")]
+    TooManySensors {
+        /// `J`.
+        sensors: usize,
+        /// What fits.
+        capacity: usize,
+    },
+}
+
+/// Checks gains before a solver sees them.
+fn check_gains<T: Scalar>(sensor_gains: &[PowerGain<T>]) -> Result<(), SlotError<T>> {
+    match sensor_gains.iter().position(|gain| !gain.is_valid()) {
+        Some(index) => Err(SlotError::SensorGain {
+            index,
+            value: sensor_gains[index].0,
+        }),
+        None => Ok(()),
+    }
+}

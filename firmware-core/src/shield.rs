@@ -1,0 +1,364 @@
+//! The safety shield: the mission's hard constraints hold whatever a policy says
+//! (`docs/mathematics.md`, section 3).
+//!
+//! Before slot `n` of `N`, from `q_{n-1}`, the wished displacement is projected (Euclidean,
+//! exact) onto
+//!
+//! ```text
+//! F_n = { q in Lambda : ||q - q_{n-1}|| <= V delta,  ||q - q_f|| <= (N - n + 1) V delta }
+//! ```
+//!
+//! and the user is the one with the highest score among those that leave enough slots for
+//! everybody's quota: `sum_k max(0, floor(N/M) - count_k) <= N - n` after the slot.
+//! So eq:a1 to eq:a3, eq:traj1 and eq:traj2 hold for every policy, trained or broken. A NaN, an
+//! infinity or a wrong number of scores counts as no displacement and the best-rate admissible
+//! user, and is reported.
+//!
+//! `F_n` is the intersection of two discs and a rectangle. The nearest point of such a set lies
+//! inside, or is the nearest point of one border, or a corner where two borders meet: at most 31
+//! candidates, each checked. Worst case: 31 candidates times 6 constraints, no iteration.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    mission::{Area, Mission},
+    scalar::{Displacement, Position, Scalar},
+};
+
+/// What a policy wishes, before the shield.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct Wish<T: Scalar, const M: usize> {
+    /// Where to go from here, metres.
+    pub displacement: Displacement<T>,
+    /// A score per user; the highest admissible one is served.
+    pub user_scores: Vec<T, M>,
+}
+
+/// What the shield changed, if anything.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Intervention {
+    /// The displacement was moved onto `F_n`.
+    pub displacement: bool,
+    /// The user with the highest score was not admissible.
+    pub user: bool,
+    /// The output was NaN, infinite or of the wrong size, and was replaced.
+    pub broken_output: bool,
+    /// `F_n` is empty because the vehicle is not where it was sent: the waypoint is the point
+    /// of the speed disc nearest to the destination.
+    pub out_of_reach: bool,
+}
+
+impl Intervention {
+    /// Whether anything was changed.
+    pub fn any(&self) -> bool {
+        self.displacement || self.user || self.broken_output || self.out_of_reach
+    }
+}
+
+/// A disc on the map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Disc<T: Scalar> {
+    center: Position<T>,
+    radius_m: T,
+}
+
+/// `F_n`: where the vehicle may be at the end of the slot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReachableSet<T: Scalar> {
+    area: Area<T>,
+    /// From here, in one slot (eq:traj1).
+    step: Disc<T>,
+    /// To the destination, in the slots that remain (eq:traj2).
+    home: Disc<T>,
+}
+
+impl<T: Scalar> ReachableSet<T> {
+    /// The set for going from `from` within `step_m` such that `destination` is at most
+    /// `home_m` away afterwards. Distances in metres, not negative.
+    pub fn new(
+        area: Area<T>,
+        from: Position<T>,
+        step_m: T,
+        destination: Position<T>,
+        home_m: T,
+    ) -> Self {
+        Self {
+            area,
+            step: Disc {
+                center: from,
+                radius_m: step_m,
+            },
+            home: Disc {
+                center: destination,
+                radius_m: home_m,
+            },
+        }
+    }
+
+    /// `F_n` of a mission: slot `n` (1 to `N`) from `from`.
+    pub fn of_slot<const M: usize, const J: usize>(
+        mission: &Mission<T, M, J>,
+        slot: u32,
+        from: Position<T>,
+    ) -> Self {
+        let p = mission.parameters();
+        let slots_left = mission.slots().saturating_sub(slot) + 1;
+        Self::new(
+            p.area,
+            from,
+            mission.reach_m(),
+            p.destination,
+            T::count(slots_left as usize) * mission.reach_m(),
+        )
+    }
+
+    /// The slack that rounding is allowed, metres: relative to the largest length at hand.
+    fn tolerance_m(&self) -> T {
+        let scale = self
+            .area
+            .east_m
+            .max(self.area.north_m)
+            .max(self.step.radius_m);
+        scale * T::CONSTRAINT_TOLERANCE
+    }
+
+    /// Whether a place is in the set, up to rounding.
+    pub fn contains(&self, place: &Position<T>) -> bool {
+        let slack = self.tolerance_m();
+        let inside = |disc: &Disc<T>| (place - disc.center).norm() <= disc.radius_m + slack;
+        self.area.contains(place) && inside(&self.step) && inside(&self.home)
+    }
+
+    /// The point of the set that is nearest to `wish`; `None` if the set is empty.
+    pub fn nearest(&self, wish: &Position<T>) -> Option<Position<T>> {
+        let mut best: Option<(T, Position<T>)> = None;
+        self.each_candidate(wish, |candidate| {
+            // Corners are computed; the border of the area is kept exactly.
+            let candidate = self.clamp_to_area(&candidate);
+            let distance = (candidate - wish).norm_squared();
+            if self.contains(&candidate) && best.is_none_or(|(least, _)| distance < least) {
+                best = Some((distance, candidate));
+            }
+        });
+        best.map(|(_, place)| place)
+    }
+
+    fn clamp_to_area(&self, place: &Position<T>) -> Position<T> {
+        Position::new(
+            place.x.max(T::zero()).min(self.area.east_m),
+            place.y.max(T::zero()).min(self.area.north_m),
+        )
+    }
+
+    /// Every point that can be nearest to `wish`: itself, its projection on each border, and
+    /// the corners where two borders meet.
+    fn each_candidate(&self, wish: &Position<T>, mut visit: impl FnMut(Position<T>)) {
+        let (east, north) = (self.area.east_m, self.area.north_m);
+        let zero = T::zero();
+        visit(*wish);
+        visit(self.clamp_to_area(wish));
+        for disc in [&self.step, &self.home] {
+            visit(disc.border_towards(wish));
+            // Degenerate sets (a disc of radius 0, discs that touch) have their centres.
+            visit(disc.center);
+            for x in [zero, east] {
+                disc.meet_line(0, x, &mut visit);
+            }
+            for y in [zero, north] {
+                disc.meet_line(1, y, &mut visit);
+            }
+        }
+        self.step.meet_disc(&self.home, &mut visit);
+        for x in [zero, east] {
+            for y in [zero, north] {
+                visit(Position::new(x, y));
+            }
+        }
+    }
+}
+
+impl<T: Scalar> Disc<T> {
+    /// The point of the border in the direction of `place` (the centre if they coincide).
+    fn border_towards(&self, place: &Position<T>) -> Position<T> {
+        let offset = place - self.center;
+        let distance = offset.norm();
+        if distance <= T::zero() {
+            return self.center;
+        }
+        self.center + offset * (self.radius_m / distance)
+    }
+
+    /// Where the border meets the line on which coordinate `axis` equals `value`.
+    fn meet_line(&self, axis: usize, value: T, mut visit: impl FnMut(Position<T>)) {
+        let offset = value - self.center[axis];
+        let square = self.radius_m * self.radius_m - offset * offset;
+        if square < T::zero() {
+            return;
+        }
+        let half_chord = square.sqrt();
+        for along in [-half_chord, half_chord] {
+            let mut place = self.center;
+            place[axis] = value;
+            place[1 - axis] += along;
+            visit(place);
+        }
+    }
+
+    /// Where two borders meet; the nearest points of near-tangent circles too, so that discs
+    /// that touch up to rounding still give their point.
+    fn meet_disc(&self, other: &Self, mut visit: impl FnMut(Position<T>)) {
+        let axis = other.center - self.center;
+        let distance = axis.norm();
+        if distance <= T::zero() {
+            return;
+        }
+        let direction = axis / distance;
+        let two = T::of(2.0);
+        // Distance along the axis of the common chord, in the form that does not cancel.
+        let along = (distance
+            + (self.radius_m - other.radius_m) * ((self.radius_m + other.radius_m) / distance))
+            / two;
+        let square = (self.radius_m - along) * (self.radius_m + along);
+        let half_chord = square.max(T::zero()).sqrt();
+        let foot = self.center + direction * along.max(-self.radius_m).min(self.radius_m);
+        let normal = Displacement::new(-direction.y, direction.x);
+        visit(foot);
+        visit(foot + normal * half_chord);
+        visit(foot - normal * half_chord);
+    }
+}
+
+/// Makes a wished displacement admissible: the waypoint, and what had to change.
+pub fn admissible_waypoint<T: Scalar>(
+    set: &ReachableSet<T>,
+    displacement: &Displacement<T>,
+    changed: &mut Intervention,
+) -> Position<T> {
+    let from = set.step.center;
+    let broken = !(displacement.x.finite() && displacement.y.finite());
+    changed.broken_output |= broken;
+    let wish = if broken {
+        from
+    } else {
+        // A huge wish is shortened first, so that squares below stay finite.
+        let far = (set.area.east_m + set.area.north_m + set.step.radius_m) * T::of(4.0);
+        let longest = displacement.x.abs().max(displacement.y.abs());
+        if longest > far {
+            from + displacement * (far / longest)
+        } else {
+            from + displacement
+        }
+    };
+    match set.nearest(&wish) {
+        Some(waypoint) => {
+            // Rounding alone is not an intervention.
+            let moved = (waypoint - wish).norm() > set.tolerance_m();
+            changed.displacement |= moved && !broken;
+            waypoint
+        }
+        None => {
+            changed.out_of_reach = true;
+            let home = set.home.center;
+            let towards = home - from;
+            let distance = towards.norm();
+            let waypoint = if distance <= set.step.radius_m {
+                home
+            } else {
+                from + towards * (set.step.radius_m / distance)
+            };
+            set.clamp_to_area(&waypoint)
+        }
+    }
+}
+
+/// Which users may be served in a slot so that every quota can still be met (eq:a3).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fairness<const M: usize> {
+    counts: Vec<u32, M>,
+    quota: u32,
+    slots: u32,
+    slots_done: u32,
+}
+
+impl<const M: usize> Fairness<M> {
+    /// Nobody has been served yet.
+    pub fn new<T: Scalar, const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        let mut counts = Vec::new();
+        // The mission's users fit: they come from a vector of the same capacity.
+        let _ = counts.resize(mission.user_count(), 0);
+        Self {
+            counts,
+            quota: mission.quota(),
+            slots: mission.slots(),
+            slots_done: 0,
+        }
+    }
+
+    /// Slots served so far, per user.
+    pub fn counts(&self) -> &[u32] {
+        &self.counts
+    }
+
+    /// `sum_k max(0, floor(N/M) - count_k)`: slots that are still owed.
+    pub fn owed(&self) -> u32 {
+        self.counts
+            .iter()
+            .map(|&count| self.quota.saturating_sub(count))
+            .sum()
+    }
+
+    /// Whether serving `user` in the coming slot leaves enough slots for what is owed.
+    pub fn admits(&self, user: usize) -> bool {
+        let Some(&count) = self.counts.get(user) else {
+            return false;
+        };
+        let owed_after = self.owed() - u32::from(count < self.quota);
+        let slots_after = self.slots.saturating_sub(self.slots_done + 1);
+        owed_after <= slots_after
+    }
+
+    /// The admissible user with the highest score; the first of equals. There is always one.
+    pub fn best<T: PartialOrd>(&self, score: impl Fn(usize) -> T) -> Option<usize> {
+        let mut best: Option<(usize, T)> = None;
+        for user in (0..self.counts.len()).filter(|&user| self.admits(user)) {
+            let value = score(user);
+            if best.as_ref().is_none_or(|(_, highest)| value > *highest) {
+                best = Some((user, value));
+            }
+        }
+        best.map(|(user, _)| user)
+    }
+
+    /// A slot is over; `user` was served, if anybody.
+    pub fn record(&mut self, user: Option<usize>) {
+        self.slots_done += 1;
+        if let Some(count) = user.and_then(|user| self.counts.get_mut(user)) {
+            *count += 1;
+        }
+    }
+
+    /// Whether every user has its `floor(N/M)` slots.
+    pub fn is_fair(&self) -> bool {
+        self.owed() == 0
+    }
+}
+
+/// Picks the user: the highest admissible score, or the best rate where the scores are broken.
+pub fn admissible_user<T: Scalar, const M: usize>(
+    fairness: &Fairness<M>,
+    scores: &[T],
+    rate: impl Fn(usize) -> T,
+    changed: &mut Intervention,
+) -> Option<usize> {
+    let users = fairness.counts().len();
+    if scores.len() != users || scores.iter().any(|score| !score.finite()) {
+        changed.broken_output = true;
+        return fairness.best(rate);
+    }
+    let chosen = fairness.best(|user| scores[user]);
+    let highest = scores.iter().copied().fold(scores[0], T::max);
+    changed.user |= chosen.is_some_and(|user| scores[user] < highest);
+    chosen
+}
