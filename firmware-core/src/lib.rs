@@ -13,6 +13,7 @@ pub mod scalar;
 pub mod shield;
 #[cfg(test)]
 mod test_missions;
+pub mod time;
 pub mod units;
 
 pub use mission::Mission;

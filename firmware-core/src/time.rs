@@ -1,0 +1,189 @@
+//! Time as an argument.
+//!
+//! Nothing in this crate owns a clock: whoever calls passes the present [`Instant`].
+//! On a microcontroller it comes from a timer, in a simulation it is a counter, and
+//! with a simulation that runs X times faster than real time it advances X times
+//! faster, so that every time-out below runs in the vehicle's own time.
+
+use core::ops::{Add, AddAssign, Div, Mul, Sub};
+
+use serde::{Deserialize, Serialize};
+
+/// A moment: microseconds since an arbitrary start that is the same for one run.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+pub struct Instant {
+    micros: u64,
+}
+
+/// A span of time, never negative, in whole microseconds.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+pub struct Duration {
+    micros: u64,
+}
+
+impl Instant {
+    /// The start of the run.
+    pub const ZERO: Self = Self { micros: 0 };
+
+    /// The moment `micros` microseconds after the start.
+    pub const fn from_micros(micros: u64) -> Self {
+        Self { micros }
+    }
+
+    /// Microseconds since the start.
+    pub const fn micros(self) -> u64 {
+        self.micros
+    }
+
+    /// Whole milliseconds since the start, modulo 2^32: the form of MAVLink's `time_boot_ms`.
+    pub const fn millis_wrapping(self) -> u32 {
+        (self.micros / 1_000) as u32
+    }
+
+    /// How long ago `earlier` was; zero if it lies in the future.
+    pub const fn since(self, earlier: Self) -> Duration {
+        Duration::from_micros(self.micros.saturating_sub(earlier.micros))
+    }
+
+    /// The moment `span` before this one, or the start if that is later.
+    pub const fn back(self, span: Duration) -> Self {
+        Self::from_micros(self.micros.saturating_sub(span.micros))
+    }
+}
+
+impl Duration {
+    /// No time at all.
+    pub const ZERO: Self = Self { micros: 0 };
+
+    /// A span in microseconds.
+    pub const fn from_micros(micros: u64) -> Self {
+        Self { micros }
+    }
+
+    /// A span in milliseconds.
+    pub const fn from_millis(millis: u64) -> Self {
+        Self {
+            micros: millis.saturating_mul(1_000),
+        }
+    }
+
+    /// A span in whole seconds.
+    pub const fn from_secs(seconds: u64) -> Self {
+        Self {
+            micros: seconds.saturating_mul(1_000_000),
+        }
+    }
+
+    /// A span in seconds, to the nearest microsecond. Negative and NaN count as zero,
+    /// what does not fit as the longest span.
+    pub fn from_secs_f64(seconds: f64) -> Self {
+        // `as` saturates and sends NaN to 0.
+        Self {
+            micros: libm::round(seconds * 1e6) as u64,
+        }
+    }
+
+    /// Microseconds.
+    pub const fn micros(self) -> u64 {
+        self.micros
+    }
+
+    /// Whole milliseconds, rounded down.
+    pub const fn millis(self) -> u64 {
+        self.micros / 1_000
+    }
+
+    /// Seconds; exact to the microsecond for spans below 285 years.
+    pub fn as_secs_f64(self) -> f64 {
+        self.micros as f64 * 1e-6
+    }
+
+    /// No time at all.
+    pub const fn is_zero(self) -> bool {
+        self.micros == 0
+    }
+
+    /// This span less `other`, or zero.
+    pub const fn saturating_sub(self, other: Self) -> Self {
+        Self::from_micros(self.micros.saturating_sub(other.micros))
+    }
+}
+
+impl Add<Duration> for Instant {
+    type Output = Self;
+    fn add(self, span: Duration) -> Self {
+        Self::from_micros(self.micros.saturating_add(span.micros))
+    }
+}
+
+impl AddAssign<Duration> for Instant {
+    fn add_assign(&mut self, span: Duration) {
+        *self = *self + span;
+    }
+}
+
+impl Sub for Instant {
+    type Output = Duration;
+    /// As [`Instant::since`]: never negative.
+    fn sub(self, earlier: Self) -> Duration {
+        self.since(earlier)
+    }
+}
+
+impl Add for Duration {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self::from_micros(self.micros.saturating_add(other.micros))
+    }
+}
+
+impl Mul<u32> for Duration {
+    type Output = Self;
+    fn mul(self, factor: u32) -> Self {
+        Self::from_micros(self.micros.saturating_mul(u64::from(factor)))
+    }
+}
+
+impl Div<u32> for Duration {
+    type Output = Self;
+    /// Rounds down; a division by zero counts as one by 1.
+    fn div(self, divisor: u32) -> Self {
+        Self::from_micros(self.micros / u64::from(divisor.max(1)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arithmetic_saturates() {
+        let t = Instant::from_micros(10);
+        assert_eq!(t - Instant::from_micros(20), Duration::ZERO);
+        assert_eq!(t.back(Duration::from_secs(1)), Instant::ZERO);
+        assert_eq!(
+            Instant::from_micros(u64::MAX) + Duration::from_secs(1),
+            Instant::from_micros(u64::MAX)
+        );
+        assert_eq!(Duration::from_secs(1) / 0, Duration::from_secs(1));
+    }
+
+    #[test]
+    fn seconds_round_to_the_nearest_microsecond() {
+        assert_eq!(Duration::from_secs_f64(0.1).micros(), 100_000);
+        assert_eq!(Duration::from_secs_f64(1.0).as_secs_f64(), 1.0);
+        assert_eq!(Duration::from_secs_f64(f64::NAN), Duration::ZERO);
+        assert_eq!(Duration::from_secs_f64(-3.0), Duration::ZERO);
+        assert_eq!(Duration::from_secs_f64(f64::INFINITY).micros(), u64::MAX);
+    }
+
+    #[test]
+    fn mavlink_milliseconds_wrap() {
+        let day_50 = Instant::from_micros(50 * 86_400 * 1_000_000);
+        assert_eq!(day_50.millis_wrapping(), 25_032_704);
+    }
+}
