@@ -7,8 +7,10 @@ extern crate std;
 
 pub mod aircomp;
 pub mod channel;
+pub mod controller;
 pub mod inner;
 pub mod mission;
+pub mod policy;
 pub mod scalar;
 pub mod shield;
 #[cfg(test)]

@@ -26,16 +26,6 @@ use crate::{
     scalar::{Displacement, Position, Scalar},
 };
 
-/// What a policy wishes, before the shield.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(bound = "T: Scalar")]
-pub struct Wish<T: Scalar, const M: usize> {
-    /// Where to go from here, metres.
-    pub displacement: Displacement<T>,
-    /// A score per user; the highest admissible one is served.
-    pub user_scores: Vec<T, M>,
-}
-
 /// What the shield changed, if anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Intervention {
@@ -230,32 +220,32 @@ impl<T: Scalar> Disc<T> {
     }
 }
 
-/// Makes a wished displacement admissible: the waypoint, and what had to change.
+/// Whether a policy's displacement is usable: finite.
+pub fn displacement_is_sound<T: Scalar>(displacement: &Displacement<T>) -> bool {
+    displacement.x.finite() && displacement.y.finite()
+}
+
+/// Makes a [sound](displacement_is_sound) displacement admissible: the waypoint, and what had
+/// to change.
 pub fn admissible_waypoint<T: Scalar>(
     set: &ReachableSet<T>,
     displacement: &Displacement<T>,
     changed: &mut Intervention,
 ) -> Position<T> {
     let from = set.step.center;
-    let broken = !(displacement.x.finite() && displacement.y.finite());
-    changed.broken_output |= broken;
-    let wish = if broken {
-        from
+    // A huge wish is shortened first, so that squares below stay finite.
+    let far = (set.area.east_m + set.area.north_m + set.step.radius_m) * T::of(4.0);
+    let longest = displacement.x.abs().max(displacement.y.abs());
+    let wish = if longest > far {
+        from + displacement * (far / longest)
     } else {
-        // A huge wish is shortened first, so that squares below stay finite.
-        let far = (set.area.east_m + set.area.north_m + set.step.radius_m) * T::of(4.0);
-        let longest = displacement.x.abs().max(displacement.y.abs());
-        if longest > far {
-            from + displacement * (far / longest)
-        } else {
-            from + displacement
-        }
+        from + displacement
     };
     match set.nearest(&wish) {
         Some(waypoint) => {
             // Rounding alone is not an intervention.
             let moved = (waypoint - wish).norm() > set.tolerance_m();
-            changed.displacement |= moved && !broken;
+            changed.displacement |= moved;
             waypoint
         }
         None => {
@@ -345,20 +335,18 @@ impl<const M: usize> Fairness<M> {
     }
 }
 
-/// Picks the user: the highest admissible score, or the best rate where the scores are broken.
+/// Whether a policy's scores are usable: one per user, all finite.
+pub fn scores_are_sound<T: Scalar>(scores: &[T], users: usize) -> bool {
+    scores.len() == users && scores.iter().all(|score| score.finite())
+}
+
+/// The admissible user with the highest score; the scores are [sound](scores_are_sound).
 pub fn admissible_user<T: Scalar, const M: usize>(
     fairness: &Fairness<M>,
     scores: &[T],
-    rate: impl Fn(usize) -> T,
     changed: &mut Intervention,
 ) -> Option<usize> {
-    let users = fairness.counts().len();
-    if scores.len() != users || scores.iter().any(|score| !score.finite()) {
-        changed.broken_output = true;
-        return fairness.best(rate);
-    }
-    let chosen = fairness.best(|user| scores[user]);
-    let highest = scores.iter().copied().fold(scores[0], T::max);
-    changed.user |= chosen.is_some_and(|user| scores[user] < highest);
-    chosen
+    let chosen = fairness.best(|user| scores[user])?;
+    changed.user |= scores.iter().any(|&score| score > scores[chosen]);
+    Some(chosen)
 }

@@ -1,0 +1,408 @@
+//! The slot cycle: plan, fly, allocate.
+//!
+//! ```text
+//! measured position --plan--> admissible waypoint + user --(fly)--> channel state --allocate--> slot command
+//! ```
+//!
+//! A [`Controller`] is either *at rest* between two slots, and takes [`plan`](Controller::plan),
+//! or *under way* in one, and takes [`allocate`](Controller::allocate); anything else is an
+//! error that names the phase. It is over after slot `N`.
+//!
+//! Planning starts where the vehicle **is**, never where it was told to go. Gains that are NaN,
+//! infinite or negative count as 0 (that sensor cannot be heard) and are reported in the command;
+//! where no channel state comes at all,
+//! [`allocate_predicted`](Controller::allocate_predicted) uses the channel model at the measured
+//! position and says so.
+//!
+//! Worst case per slot: `plan` is the policy plus 31 shield candidates; `allocate` is `M + J`
+//! checks and one exact slot solution, `O(J log J)`.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    aircomp,
+    inner::{SlotLimits, Status, exact::Workspace},
+    mission::Mission,
+    policy::{Observation, Policy},
+    scalar::{Displacement, Position, Scalar},
+    shield::{self, Fairness, Intervention, ReachableSet},
+    units::{PowerGain, Watt},
+};
+
+/// The channels of one slot, measured at the position reached.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct ChannelState<T: Scalar, const M: usize, const J: usize> {
+    /// Which slot this is about.
+    pub slot: u32,
+    /// `|g_m|^2` of every user.
+    pub user_gains: Vec<PowerGain<T>, M>,
+    /// `|h_j|^2` of every sensor.
+    pub sensor_gains: Vec<PowerGain<T>, J>,
+}
+
+impl<T: Scalar, const M: usize, const J: usize> ChannelState<T, M, J> {
+    /// The channels that the model gives for a vehicle over `vehicle`.
+    pub fn predicted(mission: &Mission<T, M, J>, slot: u32, vehicle: &Position<T>) -> Self {
+        let channel = mission.channel();
+        let p = mission.parameters();
+        let gain = |ground: &Position<T>| channel.power_gain(vehicle, ground);
+        Self {
+            slot,
+            user_gains: p.users.iter().map(gain).collect(),
+            sensor_gains: p.sensors.iter().map(gain).collect(),
+        }
+    }
+}
+
+/// What was decided before flying a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct Plan<T: Scalar> {
+    /// `n`, 1 to `N`.
+    pub slot: u32,
+    /// Where to be at the slot's end, metres.
+    pub waypoint: Position<T>,
+    /// The user to serve.
+    pub served_user: usize,
+    /// What the shield changed of the policy's action.
+    pub intervention: Intervention,
+}
+
+/// Where a slot's channel state came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChannelSource {
+    /// From the ground, for this slot and position.
+    Measured,
+    /// From the channel model at the measured position: none came in time.
+    Predicted,
+}
+
+/// What everybody does in a slot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct SlotCommand<T: Scalar, const J: usize> {
+    /// `n`, 1 to `N`.
+    pub slot: u32,
+    /// The user that transmits.
+    pub served_user: usize,
+    /// `p`, its power.
+    pub user_power: Watt<T>,
+    /// `|b_j|` of every sensor, square root of watts.
+    pub sensor_coefficients: Vec<T, J>,
+    /// `eta`, one over square root of watts.
+    pub normalizing_factor: T,
+    /// `R_n`, bit/s/Hz.
+    pub rate: T,
+    /// `MSE_n` with these powers, coefficients and `eta`.
+    pub mse: T,
+    /// How the slot problem came out.
+    pub status: Status<T>,
+    /// Where the gains came from.
+    pub source: ChannelSource,
+    /// How many gains were NaN, infinite or negative and counted as 0.
+    pub rejected_gains: u16,
+}
+
+/// A call that the controller cannot follow now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ControllerError {
+    /// `plan` while a slot is under way.
+    #[error("slot {slot} is planned and not yet allocated")]
+    SlotUnderWay {
+        /// Which.
+        slot: u32,
+    },
+    /// `allocate` while none is.
+    #[error("no slot is planned: {done} of {slots} are done")]
+    NothingPlanned {
+        /// Slots done.
+        done: u32,
+        /// `N`.
+        slots: u32,
+    },
+    /// The mission is over.
+    #[error("the mission is over after {slots} slots")]
+    MissionOver {
+        /// `N`.
+        slots: u32,
+    },
+    /// The channel state is about another slot.
+    #[error("channel state is about slot {got}, but slot {expected} is under way")]
+    WrongSlot {
+        /// What came.
+        got: u32,
+        /// What was due.
+        expected: u32,
+    },
+    /// The channel state has the wrong number of gains.
+    #[error("channel state has {got} {what} gains, but the mission has {expected}")]
+    WrongSize {
+        /// `user` or `sensor`.
+        what: &'static str,
+        /// How many came.
+        got: usize,
+        /// How many there are.
+        expected: usize,
+    },
+    /// The measured position is NaN or infinite.
+    #[error("the measured position is not finite")]
+    PositionNotFinite,
+}
+
+/// The onboard controller: a mission, a policy, and the state between slots.
+#[derive(Clone, Debug)]
+pub struct Controller<T: Scalar, P, const M: usize = 16, const J: usize = 64> {
+    mission: Mission<T, M, J>,
+    limits: SlotLimits<T>,
+    policy: P,
+    fairness: Fairness<M>,
+    slots_done: u32,
+    rate: T,
+    mse: T,
+    under_way: Option<Plan<T>>,
+    workspace: Workspace<T, J>,
+}
+
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P, M, J> {
+    /// At rest before slot 1.
+    pub fn new(mission: Mission<T, M, J>, policy: P) -> Self {
+        Self {
+            limits: SlotLimits::of_mission(&mission),
+            fairness: Fairness::new(&mission),
+            mission,
+            policy,
+            slots_done: 0,
+            rate: T::zero(),
+            mse: T::zero(),
+            under_way: None,
+            workspace: Workspace::default(),
+        }
+    }
+
+    /// The mission being flown.
+    pub fn mission(&self) -> &Mission<T, M, J> {
+        &self.mission
+    }
+
+    /// Who was served how often.
+    pub fn fairness(&self) -> &Fairness<M> {
+        &self.fairness
+    }
+
+    /// Slots that are done.
+    pub fn slots_done(&self) -> u32 {
+        self.slots_done
+    }
+
+    /// Whether all `N` slots are done.
+    pub fn is_over(&self) -> bool {
+        self.slots_done >= self.mission.slots()
+    }
+
+    /// The slot under way, if one is.
+    pub fn under_way(&self) -> Option<&Plan<T>> {
+        self.under_way.as_ref()
+    }
+
+    /// Whether a vehicle over `place` has arrived: the destination is at most one more slot
+    /// away (eq:traj2, as corrected).
+    pub fn has_arrived(&self, place: &Position<T>) -> bool {
+        let slack = self.mission.reach_m() * T::CONSTRAINT_TOLERANCE;
+        (place - self.mission.parameters().destination).norm() <= self.mission.reach_m() + slack
+    }
+
+    /// Decides the next slot from where the vehicle is: an admissible waypoint and user.
+    ///
+    /// # Errors
+    /// A slot under way, a mission that is over, a position that is not finite.
+    pub fn plan(&mut self, measured: Position<T>) -> Result<Plan<T>, ControllerError> {
+        if let Some(plan) = &self.under_way {
+            return Err(ControllerError::SlotUnderWay { slot: plan.slot });
+        }
+        if self.is_over() {
+            let slots = self.mission.slots();
+            return Err(ControllerError::MissionOver { slots });
+        }
+        if !(measured.x.finite() && measured.y.finite()) {
+            return Err(ControllerError::PositionNotFinite);
+        }
+        let slot = self.slots_done + 1;
+        let action = self.policy.decide(&Observation {
+            slot,
+            counts: self.fairness.counts(),
+            rate: self.rate,
+            mse: self.mse,
+            position: measured,
+        });
+        let mut intervention = Intervention::default();
+        let reachable = ReachableSet::of_slot(&self.mission, slot, measured);
+        let sound = shield::displacement_is_sound(&action.displacement)
+            && shield::scores_are_sound(&action.user_scores, self.mission.user_count());
+        let (waypoint, chosen) = if sound {
+            let displacement = &action.displacement;
+            (
+                shield::admissible_waypoint(&reachable, displacement, &mut intervention),
+                shield::admissible_user(&self.fairness, &action.user_scores, &mut intervention),
+            )
+        } else {
+            // A broken output counts as no displacement and the best-rate admissible user.
+            intervention.broken_output = true;
+            let stay = Displacement::zeros();
+            let waypoint = shield::admissible_waypoint(&reachable, &stay, &mut intervention);
+            (waypoint, self.best_rate_user(&waypoint))
+        };
+        // There always is an admissible user: quotas that could be met before a slot can be met
+        // after serving somebody who is owed, and when nobody is owed everybody is admissible.
+        let served_user = chosen.unwrap_or(0);
+        let plan = Plan {
+            slot,
+            waypoint,
+            served_user,
+            intervention,
+        };
+        self.under_way = Some(plan);
+        Ok(plan)
+    }
+
+    /// Powers, coefficients and normalising factor for the slot under way, from the channels at
+    /// the position reached. Ends the slot.
+    ///
+    /// # Errors
+    /// No slot under way, another slot's state, a wrong number of gains. The slot stays under
+    /// way, so that the right state can still come.
+    pub fn allocate(
+        &mut self,
+        state: &ChannelState<T, M, J>,
+    ) -> Result<SlotCommand<T, J>, ControllerError> {
+        self.allocate_from(state, ChannelSource::Measured)
+    }
+
+    /// As [`allocate`](Self::allocate), from the channel model at the measured position: for a
+    /// slot whose channel state did not come.
+    ///
+    /// # Errors
+    /// No slot under way, a position that is not finite.
+    pub fn allocate_predicted(
+        &mut self,
+        measured: &Position<T>,
+    ) -> Result<SlotCommand<T, J>, ControllerError> {
+        if !(measured.x.finite() && measured.y.finite()) {
+            return Err(ControllerError::PositionNotFinite);
+        }
+        let state = ChannelState::predicted(&self.mission, self.slots_done + 1, measured);
+        self.allocate_from(&state, ChannelSource::Predicted)
+    }
+
+    fn allocate_from(
+        &mut self,
+        state: &ChannelState<T, M, J>,
+        source: ChannelSource,
+    ) -> Result<SlotCommand<T, J>, ControllerError> {
+        let plan = self.check_state(state)?;
+        let mut rejected_gains = 0;
+        let mut sane = |gain: &PowerGain<T>| {
+            if gain.is_valid() {
+                return *gain;
+            }
+            rejected_gains += 1;
+            PowerGain(T::zero())
+        };
+        let sensor_gains: Vec<PowerGain<T>, J> = state.sensor_gains.iter().map(&mut sane).collect();
+        let user_gain = sane(&state.user_gains[plan.served_user]);
+        // A valid mission and sane gains make a slot problem: an error cannot come from here, and
+        // if one did, everybody would stay silent.
+        let solution = self
+            .workspace
+            .sensors(&self.limits, &sensor_gains)
+            .and_then(|field| field.solve(Some(user_gain)));
+        debug_assert!(solution.is_ok(), "{solution:?}");
+        let mut command = SlotCommand {
+            slot: plan.slot,
+            served_user: plan.served_user,
+            user_power: Watt(T::zero()),
+            sensor_coefficients: Vec::new(),
+            normalizing_factor: T::zero(),
+            rate: T::zero(),
+            mse: T::one() / T::count(sensor_gains.len()),
+            status: Status::Infeasible {
+                least_mse: T::one() / T::count(sensor_gains.len()),
+            },
+            source,
+            rejected_gains,
+        };
+        if let Ok(solution) = solution {
+            command.user_power = solution.user_power;
+            command.normalizing_factor = solution.normalizing_factor;
+            command.rate = solution.rate;
+            command.status = solution.status;
+            command.sensor_coefficients = sensor_gains
+                .iter()
+                .map(|&gain| solution.coefficient(gain))
+                .collect();
+            command.mse = aircomp::Slot {
+                sensor_gains: &sensor_gains,
+                sensor_coefficients: &command.sensor_coefficients,
+                user_gain,
+                user_power: command.user_power,
+                noise_power: self.limits.noise_power,
+            }
+            .mse(command.normalizing_factor);
+        } else {
+            // As many zeros as sensors: they fit, the gains came in a vector of this capacity.
+            let _ = command
+                .sensor_coefficients
+                .resize(sensor_gains.len(), T::zero());
+        }
+        self.rate = command.rate;
+        self.mse = command.mse;
+        self.fairness.record(Some(plan.served_user));
+        self.slots_done = plan.slot;
+        self.under_way = None;
+        Ok(command)
+    }
+
+    fn check_state(&self, state: &ChannelState<T, M, J>) -> Result<Plan<T>, ControllerError> {
+        let Some(plan) = self.under_way else {
+            return Err(ControllerError::NothingPlanned {
+                done: self.slots_done,
+                slots: self.mission.slots(),
+            });
+        };
+        if state.slot != plan.slot {
+            return Err(ControllerError::WrongSlot {
+                got: state.slot,
+                expected: plan.slot,
+            });
+        }
+        let sizes = [
+            ("user", state.user_gains.len(), self.mission.user_count()),
+            (
+                "sensor",
+                state.sensor_gains.len(),
+                self.mission.sensor_count(),
+            ),
+        ];
+        match sizes.into_iter().find(|(_, got, expected)| got != expected) {
+            Some((what, got, expected)) => Err(ControllerError::WrongSize {
+                what,
+                got,
+                expected,
+            }),
+            None => Ok(plan),
+        }
+    }
+
+    /// The admissible user with the highest rate over `waypoint`, by the channel model.
+    fn best_rate_user(&mut self, waypoint: &Position<T>) -> Option<usize> {
+        let state = ChannelState::predicted(&self.mission, self.slots_done + 1, waypoint);
+        let field = self
+            .workspace
+            .sensors(&self.limits, &state.sensor_gains)
+            .ok()?;
+        self.fairness
+            .best(|user| field.rate(state.user_gains[user]))
+    }
+}

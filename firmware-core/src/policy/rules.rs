@@ -1,0 +1,91 @@
+//! The rule-based policies that the paper compares with.
+
+use heapless::Vec;
+
+use super::{Action, Observation, Policy};
+use crate::{
+    mission::Mission,
+    scalar::{Position, Scalar},
+};
+
+/// Straight to the destination at constant speed, serving the nearest user ("straight-line
+/// trajectory and nearest user access"). What the rule knows of the mission.
+#[derive(Clone, Debug)]
+pub struct StraightLine<T: Scalar, const M: usize> {
+    slots: u32,
+    destination: Position<T>,
+    users: Vec<Position<T>, M>,
+}
+
+impl<T: Scalar, const M: usize> StraightLine<T, M> {
+    /// For this mission.
+    pub fn new<const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        Self {
+            slots: mission.slots(),
+            destination: mission.parameters().destination,
+            users: mission.parameters().users.clone(),
+        }
+    }
+}
+
+impl<T: Scalar, const M: usize> Policy<T, M> for StraightLine<T, M> {
+    fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
+        let slots_left = self.slots.saturating_sub(observation.slot) + 1;
+        let displacement =
+            (self.destination - observation.position) / T::count(slots_left as usize);
+        Action {
+            displacement,
+            user_scores: nearness(&self.users, &(observation.position + displacement)),
+        }
+    }
+}
+
+/// Hover over one place, serving the nearest user ("fixed UAV position"). The shield takes the
+/// vehicle there from the start as fast as it may, and away in time for the destination.
+#[derive(Clone, Debug)]
+pub struct FixedPosition<T: Scalar, const M: usize> {
+    place: Position<T>,
+    users: Vec<Position<T>, M>,
+}
+
+impl<T: Scalar, const M: usize> FixedPosition<T, M> {
+    /// Over `place`, metres.
+    pub fn new<const J: usize>(mission: &Mission<T, M, J>, place: Position<T>) -> Self {
+        Self {
+            place,
+            users: mission.parameters().users.clone(),
+        }
+    }
+
+    /// Over the centroid of all users and sensors: our choice, the paper names no place.
+    pub fn central<const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        let p = mission.parameters();
+        let nodes = T::count(p.users.len() + p.sensors.len());
+        let sum = p
+            .users
+            .iter()
+            .chain(&p.sensors)
+            .fold(nalgebra::Vector2::zeros(), |sum, place| sum + place.coords);
+        Self::new(mission, Position::from(sum / nodes))
+    }
+}
+
+impl<T: Scalar, const M: usize> Policy<T, M> for FixedPosition<T, M> {
+    fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
+        Action {
+            displacement: self.place - observation.position,
+            user_scores: nearness(&self.users, &self.place),
+        }
+    }
+}
+
+/// A score per user that is highest for the nearest.
+fn nearness<T: Scalar, const M: usize>(
+    users: &Vec<Position<T>, M>,
+    vehicle: &Position<T>,
+) -> Vec<T, M> {
+    users
+        .iter()
+        .map(|user| -(user - vehicle).norm_squared())
+        .collect()
+}
