@@ -1,1 +1,3 @@
+//! Learning for the outer problem.
 
+pub mod nn;

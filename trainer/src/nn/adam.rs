@@ -1,0 +1,94 @@
+//! Adam (Kingma and Ba, 2015), in the form PyTorch uses: `epsilon` outside the corrected root.
+
+use pulp::Arch;
+use serde::{Deserialize, Serialize};
+
+const BETA_1: f32 = 0.9;
+const BETA_2: f32 = 0.999;
+const EPSILON: f32 = 1e-8;
+
+/// First and second moments of a parameter vector's gradient.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Adam {
+    first: Vec<f32>,
+    second: Vec<f32>,
+    /// `beta_1^t` and `beta_2^t`, carried along rather than raised anew.
+    beta_1_power: f64,
+    beta_2_power: f64,
+}
+
+impl Adam {
+    /// For `len` parameters.
+    pub fn new(len: usize) -> Self {
+        Self {
+            first: vec![0.0; len],
+            second: vec![0.0; len],
+            beta_1_power: 1.0,
+            beta_2_power: 1.0,
+        }
+    }
+
+    /// One step down the gradient.
+    ///
+    /// # Panics
+    /// When the lengths differ from that given to [`new`](Self::new).
+    pub fn step(
+        &mut self,
+        arch: Arch,
+        learning_rate: f32,
+        parameters: &mut [f32],
+        gradient: &[f32],
+    ) {
+        let n = self.first.len();
+        assert_eq!((parameters.len(), gradient.len()), (n, n));
+        self.beta_1_power *= f64::from(BETA_1);
+        self.beta_2_power *= f64::from(BETA_2);
+        let rate = (f64::from(learning_rate) / (1.0 - self.beta_1_power)) as f32;
+        let root = (1.0 / (1.0 - self.beta_2_power)).sqrt() as f32;
+        let (first, second) = (&mut self.first[..n], &mut self.second[..n]);
+        // Elementwise and IEEE-exact operations only: any vector width gives the same bits.
+        arch.dispatch(|| {
+            for i in 0..n {
+                let g = gradient[i];
+                let m = BETA_1 * first[i] + (1.0 - BETA_1) * g;
+                let v = BETA_2 * second[i] + (1.0 - BETA_2) * (g * g);
+                first[i] = m;
+                second[i] = v;
+                parameters[i] -= rate * m / (v.sqrt() * root + EPSILON);
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The algorithm as printed, in double precision, on a badly scaled bowl.
+    #[test]
+    fn follows_the_published_algorithm() {
+        let scale = [1.0_f64, 100.0, 1e-4];
+        let mut reference = [1.0_f64, -2.0, 0.5];
+        let (mut m, mut v) = ([0.0_f64; 3], [0.0_f64; 3]);
+        let mut parameters = reference.map(|x| x as f32);
+        let mut adam = Adam::new(3);
+        for t in 1..=200 {
+            let gradient: Vec<f32> = (0..3).map(|i| scale[i] as f32 * parameters[i]).collect();
+            adam.step(Arch::new(), 0.01, &mut parameters, &gradient);
+            for i in 0..3 {
+                let g = scale[i] * reference[i];
+                m[i] = 0.9 * m[i] + 0.1 * g;
+                v[i] = 0.999 * v[i] + 0.001 * g * g;
+                let (m_hat, v_hat) = (
+                    m[i] / (1.0 - 0.9_f64.powi(t)),
+                    v[i] / (1.0 - 0.999_f64.powi(t)),
+                );
+                reference[i] -= 0.01 * m_hat / (v_hat.sqrt() + 1e-8);
+            }
+        }
+        for i in 0..3 {
+            let error = (f64::from(parameters[i]) - reference[i]).abs();
+            assert!(error < 1e-4, "{i}: {parameters:?} {reference:?}");
+        }
+    }
+}

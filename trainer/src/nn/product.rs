@@ -1,0 +1,367 @@
+//! The one matrix product all learning runs on, in safe code.
+//!
+//! `C = A B`, then an [`Epilogue`] on each row while it is still in registers. The columns of
+//! `B` and `C` are contiguous and their number is a multiple of [`LANES`]; `A` has any two
+//! strides, so a transposed factor costs nothing.
+//!
+//! Vectors run along the columns and every element of `C` is one chain of fused
+//! multiply-adds over `k = 0, 1, ..`: the result is the same, bit for bit, with AVX-512, AVX2,
+//! NEON or no vectors at all. That is what lets a training run be reproduced on another
+//! machine, and what a general matrix library does not promise (it splits the sum over k
+//! as its blocking pleases). `pulp` chooses the instructions at run time.
+
+use pulp::{Arch, Simd, WithSimd};
+
+/// Column counts are multiples of this: the widest vector (AVX-512) holds 16 `f32`.
+pub const LANES: usize = 16;
+
+/// The next multiple of [`LANES`].
+pub const fn padded(n: usize) -> usize {
+    n.next_multiple_of(LANES)
+}
+
+/// The left factor: element (row, k) is `data[row * row_stride + k * k_stride]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Left<'a> {
+    /// The elements.
+    pub data: &'a [f32],
+    /// Number of rows of `A` and of `C`.
+    pub rows: usize,
+    /// Distance between rows.
+    pub row_stride: usize,
+    /// Distance between successive k.
+    pub k_stride: usize,
+}
+
+impl<'a> Left<'a> {
+    /// A row-major matrix with `stride` between its rows.
+    pub fn rows(data: &'a [f32], rows: usize, stride: usize) -> Self {
+        Self {
+            data,
+            rows,
+            row_stride: stride,
+            k_stride: 1,
+        }
+    }
+
+    /// The transpose of a row-major matrix with `stride` between its rows; `rows` counts
+    /// the rows of the transpose.
+    pub fn transposed(data: &'a [f32], rows: usize, stride: usize) -> Self {
+        Self {
+            data,
+            rows,
+            row_stride: 1,
+            k_stride: stride,
+        }
+    }
+}
+
+/// What happens to each element of `C` before it is stored.
+#[derive(Clone, Copy, Debug)]
+pub enum Epilogue<'a> {
+    /// Nothing.
+    None,
+    /// Add the row's bias.
+    Bias(&'a [f32]),
+    /// Add the row's bias, then `max(0, .)`.
+    BiasRelu(&'a [f32]),
+    /// Keep where this matrix (shaped like `C`) is positive, else zero: the derivative of ReLU.
+    WherePositive(&'a [f32]),
+}
+
+/// `c = a b`: `b` has `k` rows, `c` has `a.rows` rows, both `columns` wide.
+///
+/// # Panics
+/// When a slice is shorter than its shape or `columns` is no multiple of [`LANES`].
+pub fn product(
+    arch: Arch,
+    a: Left<'_>,
+    b: &[f32],
+    c: &mut [f32],
+    k: usize,
+    columns: usize,
+    epilogue: Epilogue<'_>,
+) {
+    assert_eq!(columns % LANES, 0, "columns must be a multiple of {LANES}");
+    assert!(b.len() >= k * columns, "right factor is too short");
+    assert!(c.len() >= a.rows * columns, "result is too short");
+    if a.rows == 0 {
+        return;
+    }
+    assert!(
+        k == 0 || a.data.len() > (a.rows - 1) * a.row_stride + (k - 1) * a.k_stride,
+        "left factor is too short"
+    );
+    arch.dispatch(Product {
+        a,
+        b,
+        c,
+        k,
+        columns,
+        epilogue,
+    });
+}
+
+struct Product<'a> {
+    a: Left<'a>,
+    b: &'a [f32],
+    c: &'a mut [f32],
+    k: usize,
+    columns: usize,
+    epilogue: Epilogue<'a>,
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        // The tile is as wide as half the registers hold: 4 x 4 accumulators with 32
+        // registers of 16 lanes, 4 x 2 with 16 registers.
+        if S::F32_LANES >= 16 {
+            self.tiles::<S, 4>(simd);
+        } else {
+            self.tiles::<S, 2>(simd);
+        }
+    }
+}
+
+impl Product<'_> {
+    #[inline(always)]
+    fn tiles<S: Simd, const V: usize>(self, simd: S) {
+        const ROWS: usize = 4;
+        let width = self.columns / S::F32_LANES;
+        let (b, _) = S::as_simd_f32s(&self.b[..self.k * self.columns]);
+        let (c, _) = S::as_mut_simd_f32s(&mut self.c[..self.a.rows * self.columns]);
+        let gate = match self.epilogue {
+            Epilogue::WherePositive(gate) => S::as_simd_f32s(&gate[..self.a.rows * self.columns]).0,
+            _ => &[],
+        };
+        let mut panel = Panel::<S> {
+            a: self.a,
+            b,
+            c,
+            gate,
+            k: self.k,
+            width,
+            epilogue: self.epilogue,
+        };
+        let mut row = 0;
+        while row + ROWS <= panel.a.rows {
+            panel.row_of_tiles::<ROWS, V>(simd, row);
+            row += ROWS;
+        }
+        while row < panel.a.rows {
+            panel.row_of_tiles::<1, V>(simd, row);
+            row += 1;
+        }
+    }
+}
+
+struct Panel<'a, S: Simd> {
+    a: Left<'a>,
+    b: &'a [S::f32s],
+    c: &'a mut [S::f32s],
+    gate: &'a [S::f32s],
+    k: usize,
+    width: usize,
+    epilogue: Epilogue<'a>,
+}
+
+impl<S: Simd> Panel<'_, S> {
+    #[inline(always)]
+    fn row_of_tiles<const R: usize, const V: usize>(&mut self, simd: S, row: usize) {
+        let mut column = 0;
+        while column + V <= self.width {
+            self.tile::<R, V>(simd, row, column);
+            column += V;
+        }
+        while column < self.width {
+            self.tile::<R, 1>(simd, row, column);
+            column += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn tile<const R: usize, const V: usize>(&mut self, simd: S, row: usize, column: usize) {
+        let a = &self.a.data[row * self.a.row_stride..];
+        let mut sum = [[simd.splat_f32s(0.0); V]; R];
+        for k in 0..self.k {
+            let start = k * self.width + column;
+            let b = &self.b[start..start + V];
+            for (r, sum) in sum.iter_mut().enumerate() {
+                let factor = simd.splat_f32s(a[r * self.a.row_stride + k * self.a.k_stride]);
+                for (sum, &b) in sum.iter_mut().zip(b) {
+                    *sum = simd.mul_add_f32s(factor, b, *sum);
+                }
+            }
+        }
+        let zero = simd.splat_f32s(0.0);
+        for (r, sum) in sum.iter().enumerate() {
+            let start = (row + r) * self.width + column;
+            for (v, &sum) in sum.iter().enumerate() {
+                self.c[start + v] = match self.epilogue {
+                    Epilogue::None => sum,
+                    Epilogue::Bias(bias) => simd.add_f32s(sum, simd.splat_f32s(bias[row + r])),
+                    Epilogue::BiasRelu(bias) => {
+                        let z = simd.add_f32s(sum, simd.splat_f32s(bias[row + r]));
+                        // Not max_f32s: a NaN has to pass through, so that it is found.
+                        let negative = simd.less_than_f32s(z, zero);
+                        simd.select_f32s(negative, zero, z)
+                    }
+                    Epilogue::WherePositive(_) => {
+                        let on = simd.greater_than_f32s(self.gate[start + v], zero);
+                        simd.select_f32s(on, sum, zero)
+                    }
+                };
+            }
+        }
+    }
+}
+
+/// `to = from^T`: `from` has `rows` rows `from_stride` apart, `to` has `columns` rows
+/// `to_stride` apart.
+pub fn transpose(
+    arch: Arch,
+    from: &[f32],
+    to: &mut [f32],
+    rows: usize,
+    columns: usize,
+    from_stride: usize,
+    to_stride: usize,
+) {
+    // Blocks keep both sides within the first-level cache.
+    const BLOCK: usize = 16;
+    arch.dispatch(|| {
+        for row in (0..rows).step_by(BLOCK) {
+            let row_end = (row + BLOCK).min(rows);
+            for column in 0..columns {
+                let to = &mut to[column * to_stride + row..column * to_stride + row_end];
+                for (i, to) in to.iter_mut().enumerate() {
+                    *to = from[(row + i) * from_stride + column];
+                }
+            }
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    fn random(n: usize, rng: &mut impl Rng) -> Vec<f32> {
+        (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
+    }
+
+    /// The definition, in the same order of summation.
+    fn reference(a: Left<'_>, b: &[f32], k: usize, columns: usize) -> Vec<f32> {
+        let mut c = Vec::new();
+        for row in 0..a.rows {
+            for column in 0..columns {
+                let mut sum = 0.0_f32;
+                for i in 0..k {
+                    let factor = a.data[row * a.row_stride + i * a.k_stride];
+                    sum = factor.mul_add(b[i * columns + column], sum);
+                }
+                c.push(sum);
+            }
+        }
+        c
+    }
+
+    /// Equality of bits, not closeness: the promise of the module.
+    #[test]
+    fn every_shape_has_the_bits_of_the_definition() {
+        let mut rng = Pcg64Mcg::seed_from_u64(1);
+        for rows in [1, 2, 3, 4, 5, 15, 19] {
+            for k in [1, 7, 21, 64] {
+                for columns in [16, 32, 48, 64, 80] {
+                    let a = random(rows * k, &mut rng);
+                    let b = random(k * columns, &mut rng);
+                    let bias = random(rows, &mut rng);
+                    let gate = random(rows * columns, &mut rng);
+                    let mut c = vec![f32::NAN; rows * columns];
+                    for left in [Left::rows(&a, rows, k), Left::transposed(&a, rows, rows)] {
+                        let plain = reference(left, &b, k, columns);
+                        let arch = Arch::new();
+                        product(arch, left, &b, &mut c, k, columns, Epilogue::None);
+                        assert_eq!(c, plain);
+                        product(arch, left, &b, &mut c, k, columns, Epilogue::Bias(&bias));
+                        let with_bias = |i: usize| plain[i] + bias[i / columns];
+                        assert!((0..c.len()).all(|i| c[i] == with_bias(i)));
+                        product(
+                            arch,
+                            left,
+                            &b,
+                            &mut c,
+                            k,
+                            columns,
+                            Epilogue::BiasRelu(&bias),
+                        );
+                        assert!((0..c.len()).all(|i| c[i] == with_bias(i).max(0.0)));
+                        let epilogue = Epilogue::WherePositive(&gate);
+                        product(arch, left, &b, &mut c, k, columns, epilogue);
+                        let gated = |i: usize| if gate[i] > 0.0 { plain[i] } else { 0.0 };
+                        assert!((0..c.len()).all(|i| c[i] == gated(i)));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_nan_passes_through_relu() {
+        let mut c = [0.0; LANES];
+        let left = Left::rows(&[1.0], 1, 1);
+        let b = [f32::NAN; LANES];
+        product(
+            Arch::new(),
+            left,
+            &b,
+            &mut c,
+            1,
+            LANES,
+            Epilogue::BiasRelu(&[0.0]),
+        );
+        assert!(c.iter().all(|c| c.is_nan()));
+    }
+
+    #[test]
+    fn transpose_moves_every_element() {
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        let (rows, columns, from_stride, to_stride) = (21, 37, 48, 32);
+        let from = random(rows * from_stride, &mut rng);
+        let mut to = vec![0.0; columns * to_stride];
+        transpose(
+            Arch::new(),
+            &from,
+            &mut to,
+            rows,
+            columns,
+            from_stride,
+            to_stride,
+        );
+        for r in 0..rows {
+            for c in 0..columns {
+                assert_eq!(to[c * to_stride + r], from[r * from_stride + c]);
+            }
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "left factor is too short")]
+    fn a_short_factor_is_refused() {
+        let left = Left::rows(&[0.0; 7], 2, 4);
+        product(
+            Arch::new(),
+            left,
+            &[0.0; 64],
+            &mut [0.0; 32],
+            4,
+            16,
+            Epilogue::None,
+        );
+    }
+}
