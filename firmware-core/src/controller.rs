@@ -21,7 +21,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    aircomp,
+    SENSORS_MAX, USERS_MAX, aircomp,
     inner::{SlotLimits, Status, exact::Workspace},
     mission::Mission,
     policy::{Observation, Policy},
@@ -154,7 +154,7 @@ pub enum ControllerError {
 
 /// The onboard controller: a mission, a policy, and the state between slots.
 #[derive(Clone, Debug)]
-pub struct Controller<T: Scalar, P, const M: usize = 16, const J: usize = 64> {
+pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
     mission: Mission<T, M, J>,
     limits: SlotLimits<T>,
     policy: P,

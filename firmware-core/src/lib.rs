@@ -21,3 +21,8 @@ pub mod units;
 pub use mission::Mission;
 pub use scalar::{Displacement, Position, Scalar};
 pub use units::{PowerGain, Watt};
+
+/// Users that the controller holds at its default capacity.
+pub const USERS_MAX: usize = 16;
+/// Sensors that the controller holds at its default capacity.
+pub const SENSORS_MAX: usize = 64;

@@ -15,6 +15,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    SENSORS_MAX, USERS_MAX,
     channel::ChannelModel,
     scalar::{Position, Scalar},
     units::Watt,
@@ -224,7 +225,7 @@ pub enum MissionError<T: fmt::Display> {
     into = "MissionParameters<T, M, J>",
     try_from = "MissionParameters<T, M, J>"
 )]
-pub struct Mission<T: Scalar, const M: usize = 16, const J: usize = 64> {
+pub struct Mission<T: Scalar, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
     parameters: MissionParameters<T, M, J>,
     channel: ChannelModel<T>,
 }

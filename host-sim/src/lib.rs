@@ -1,1 +1,3 @@
+//! The host's side.
 
+pub mod scenario;

@@ -1,0 +1,52 @@
+//! The command line, a module per subcommand: reads arguments, calls the library, prints.
+
+pub(crate) mod scenario;
+
+use std::{fmt::Display, io, path::Path, process::ExitCode};
+
+use host_sim::scenario::Scenario;
+
+/// Why a command did not succeed.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// What was asked for cannot be: exit code 2.
+    BadInput(String),
+    /// It was tried and failed: exit code 1.
+    Failed(String),
+}
+
+impl Failure {
+    /// Bad usage or input, in one line.
+    pub(crate) fn bad_input(problem: impl Display) -> Self {
+        Self::BadInput(problem.to_string())
+    }
+
+    /// A run that failed, in one line.
+    pub(crate) fn failed(problem: impl Display) -> Self {
+        Self::Failed(problem.to_string())
+    }
+
+    /// Prints the line and gives the exit code.
+    pub(crate) fn report(self) -> ExitCode {
+        let (problem, code) = match self {
+            Self::BadInput(problem) => (problem, 2),
+            Self::Failed(problem) => (problem, 1),
+        };
+        eprintln!("error: {problem}");
+        ExitCode::from(code)
+    }
+}
+
+impl From<io::Error> for Failure {
+    fn from(error: io::Error) -> Self {
+        Self::failed(error)
+    }
+}
+
+/// The scenario that `--scenario` names: a file, or the name of a shipped one.
+pub(crate) fn load_scenario(argument: &Path) -> Result<Scenario, Failure> {
+    if let Some(shipped) = argument.to_str().and_then(Scenario::shipped) {
+        return Ok(shipped);
+    }
+    Scenario::load(argument).map_err(Failure::bad_input)
+}

@@ -1,0 +1,128 @@
+//! `host-sim scenario new|check|show`.
+
+use std::{fs, io::Write, path::PathBuf};
+
+use clap::{Args, Subcommand};
+use host_sim::scenario::{Scenario, Topology, generate};
+
+use super::{Failure, load_scenario};
+
+/// What to do with scenarios.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Make a scenario: Table I's parameters on a layout drawn at random
+    New(NewArguments),
+    /// Read a scenario and say what is wrong with it, or that nothing is
+    Check {
+        /// The file, or the name of a shipped scenario: separated, mixed
+        scenario: PathBuf,
+    },
+    /// Draw a scenario as a map of characters, with its parameters
+    Show {
+        /// The file, or the name of a shipped scenario: separated, mixed
+        #[arg(default_value = "separated")]
+        scenario: PathBuf,
+    },
+}
+
+/// How to make one.
+#[derive(Debug, Args)]
+pub(crate) struct NewArguments {
+    /// How users and sensors lie to one another
+    #[arg(long, value_enum, default_value = "separated")]
+    topology: Topology,
+    /// Which layout
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// How many users (M)
+    #[arg(long, default_value_t = 15)]
+    users: usize,
+    /// How many sensors (J)
+    #[arg(long, default_value_t = 36)]
+    sensors: usize,
+    /// Where to write it; standard output without
+    #[arg(long)]
+    out: Option<PathBuf>,
+}
+
+/// Does it.
+pub(crate) fn execute(command: Command) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match command {
+        Command::New(arguments) => {
+            let scenario = generate(
+                arguments.topology,
+                arguments.seed,
+                arguments.users,
+                arguments.sensors,
+            )
+            .map_err(Failure::bad_input)?;
+            let text = scenario.to_toml();
+            match &arguments.out {
+                Some(path) => fs::write(path, text)
+                    .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?,
+                None => out.write_all(text.as_bytes())?,
+            }
+        }
+        Command::Check { scenario } => {
+            let loaded = load_scenario(&scenario)?;
+            writeln!(
+                out,
+                "{}: a valid mission; {}",
+                scenario.display(),
+                facts(&loaded)
+            )?;
+        }
+        Command::Show { scenario } => {
+            let loaded = load_scenario(&scenario)?;
+            writeln!(out, "{}", map(&loaded))?;
+            writeln!(out, "{}: {}", loaded.name, facts(&loaded))?;
+        }
+    }
+    Ok(())
+}
+
+/// The mission in a line.
+fn facts(scenario: &Scenario) -> String {
+    let mission = &scenario.mission;
+    let p = mission.parameters();
+    format!(
+        "{} slots of {} s, {} users (at least {} slots each), {} sensors, MSE threshold {}, \
+         physical limit {:.3} bit/s/Hz a slot, digest {}",
+        mission.slots(),
+        p.slot_duration_s,
+        mission.user_count(),
+        mission.quota(),
+        mission.sensor_count(),
+        p.mse_threshold,
+        mission.slot_rate_limit(),
+        &scenario.digest()[..16],
+    )
+}
+
+/// Users `U`, sensors `s`, start `A`, destination `B`, north up.
+fn map(scenario: &Scenario) -> String {
+    const COLUMNS: usize = 64;
+    const ROWS: usize = 32;
+    let p = scenario.mission.parameters();
+    let mut cells = vec![vec!['.'; COLUMNS]; ROWS];
+    let nodes = p.sensors.iter().map(|place| (place, 's'));
+    let nodes = nodes.chain(p.users.iter().map(|place| (place, 'U')));
+    for (place, mark) in nodes.chain([(&p.start, 'A'), (&p.destination, 'B')]) {
+        let cell = |value: f64, extent: f64, cells: usize| {
+            ((value / extent * cells as f64) as usize).min(cells - 1)
+        };
+        let column = cell(place.x, p.area.east_m, COLUMNS);
+        let row = ROWS - 1 - cell(place.y, p.area.north_m, ROWS);
+        cells[row][column] = mark;
+    }
+    let mut drawing: String = cells
+        .iter()
+        .flat_map(|row| row.iter().copied().chain(['\n']))
+        .collect();
+    drawing.push_str(&format!(
+        "U user   s sensor   A start   B destination   {} m x {} m, north up",
+        p.area.east_m, p.area.north_m
+    ));
+    drawing
+}

@@ -1,0 +1,127 @@
+use super::*;
+
+fn text() -> String {
+    generate(Topology::Separated, 1, 15, 36).unwrap().to_toml()
+}
+
+fn problem(text: &str) -> String {
+    Scenario::parse("test", text).unwrap_err()
+}
+
+#[test]
+fn a_generated_scenario_survives_its_own_file() {
+    let scenario = generate(Topology::Mixed, 3, 15, 36).unwrap();
+    let again = Scenario::parse("mixed", &scenario.to_toml()).unwrap();
+    assert_eq!(scenario, again);
+    assert_eq!(scenario.digest(), again.digest());
+    assert_ne!(scenario.digest(), scenario.with_slots(61).unwrap().digest());
+}
+
+#[test]
+fn errors_name_field_value_and_what_is_right() {
+    let cases = [
+        (
+            "slots = 60",
+            "slots = 0",
+            "mission.slots is 0, but must be a whole number from 1 to 100000",
+        ),
+        (
+            "slots = 60",
+            "slots = -3",
+            "mission.slots: invalid value: integer `-3`, expected u32",
+        ),
+        (
+            "slots = 60",
+            "slots = 60\ncolour = 1",
+            "unknown field `colour`",
+        ),
+        ("altitude_m = 100.0", "", "missing field `altitude_m`"),
+        (
+            "power_max_w = 0.2",
+            "power_max_w = -0.2",
+            "users.power_max_w is -0.2, but must be a finite number above 0",
+        ),
+        (
+            "start_m = [50.0, 50.0]",
+            "start_m = [nan, 50.0]",
+            "mission.start_m is [NaN, 50], but must lie in the area [0, 1000] x [0, 1000]",
+        ),
+        (
+            "mse_threshold = 0.015",
+            "mse_threshold = 0.03",
+            "below 1/J = 0.0277",
+        ),
+        (
+            "max_speed_mps = 30.0",
+            "max_speed_mps = 20.0",
+            "mission.destination_m is 1272.79",
+        ),
+        (
+            "noise_dbm = -95.0",
+            "noise_dbm = inf",
+            "radio.noise_dbm is inf, but must be from -200 to 100 dBm",
+        ),
+        (
+            "latitude_deg = -35.363262",
+            "latitude_deg = 135.0",
+            "origin.latitude_deg is 135",
+        ),
+        (
+            "function = \"mean\"",
+            "function = \"weighted-mean\"",
+            "sensing.weights has 0 entries, but must have one for each of the 36 sensors",
+        ),
+    ];
+    let good = text();
+    for (old, new, expected) in cases {
+        assert!(good.contains(old), "{old} is not in\n{good}");
+        let problem = problem(&good.replace(old, new));
+        assert!(problem.contains(expected), "{new}: {problem}");
+        assert!(!problem.contains('\n'), "{problem}");
+    }
+}
+
+#[test]
+fn the_controllers_capacity_is_a_limit() {
+    let problem = generate(Topology::Mixed, 1, 15, SENSORS_MAX + 1).unwrap_err();
+    assert_eq!(
+        problem,
+        "sensors.positions_m has 65 entries, but the controller holds at most 64"
+    );
+    assert!(
+        generate(Topology::Mixed, 1, 0, 3)
+            .unwrap_err()
+            .contains("at least one user")
+    );
+}
+
+#[test]
+fn measurements_come_from_the_csv() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = generate(Topology::Mixed, 1, 2, 3)
+        .unwrap()
+        .with_slots(47)
+        .unwrap();
+    let file = scenario
+        .to_toml()
+        .replace("unit = ", "measurements_csv = \"data.csv\"\nunit = ");
+    let path = folder.path().join("m.toml");
+    fs::write(&path, &file).unwrap();
+    let missing = Scenario::load(&path).unwrap_err().to_string();
+    assert!(missing.contains("sensing.measurements_csv") && missing.contains("data.csv"));
+
+    let data = folder.path().join("data.csv");
+    fs::write(&data, format!("a,b,c\n{}", "1.5,2,3\n".repeat(47))).unwrap();
+    let loaded = Scenario::load(&path).unwrap();
+    assert_eq!(
+        loaded.sensing.measurements(&loaded.mission)[46],
+        [1.5, 2.0, 3.0]
+    );
+
+    fs::write(&data, "1,2,3\n".repeat(46)).unwrap();
+    let short = Scenario::load(&path).unwrap_err().to_string();
+    assert!(short.contains("46 rows of measurements, but the mission has 47 slots"));
+    fs::write(&data, "1,nan,3\n".repeat(47)).unwrap();
+    let nan = Scenario::load(&path).unwrap_err().to_string();
+    assert!(nan.contains("row 1, column 2 is `nan`, but must be a finite number"));
+}

@@ -1,0 +1,101 @@
+//! Makes scenarios: Table I's parameters on a random layout.
+
+use clap::ValueEnum;
+use firmware_core::mission::{Environment, ExcessLoss};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    AircompTable, MissionTable, Origin, RadioTable, Scenario, ScenarioFile, Sensing, SensorsTable,
+    UsersTable,
+};
+
+/// How users and sensors lie to one another (the paper's Sec. VI).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Topology {
+    /// Topo.1: users in the north-west, sensors in the south-east, far apart.
+    Separated,
+    /// Topo.2: users and sensors over the same ground.
+    Mixed,
+}
+
+/// An axis-aligned rectangle, metres: `[west, east]`, `[south, north]`.
+type Rectangle = [[f64; 2]; 2];
+
+/// Table I on a layout drawn with `seed`: 15 users, 36 sensors, from the south-west corner to
+/// the north-east one. The layout is our assumption; the paper prints none.
+///
+/// # Errors
+/// Numbers of users or sensors that the controller cannot hold.
+pub fn generate(
+    topology: Topology,
+    seed: u64,
+    users: usize,
+    sensors: usize,
+) -> Result<Scenario, String> {
+    let (user_ground, sensor_ground): (Rectangle, Rectangle) = match topology {
+        Topology::Separated => (
+            [[50.0, 450.0], [550.0, 950.0]],
+            [[550.0, 950.0], [50.0, 450.0]],
+        ),
+        Topology::Mixed => ([[150.0, 850.0]; 2], [[150.0, 850.0]; 2]),
+    };
+    let mut random = Pcg64::seed_from_u64(seed);
+    let file = ScenarioFile {
+        mission: MissionTable {
+            slots: 60,
+            slot_duration_s: 1.0,
+            start_m: [50.0, 50.0],
+            destination_m: [950.0, 950.0],
+            area_m: [1000.0, 1000.0],
+            altitude_m: 100.0,
+            max_speed_mps: 30.0,
+        },
+        radio: RadioTable {
+            carrier_hz: 2e9,
+            noise_dbm: -95.0,
+            environment: Environment { a: 9.613, b: 0.158 },
+            excess_loss_db: ExcessLoss {
+                los: 1.0,
+                nlos: 20.0,
+            },
+        },
+        aircomp: AircompTable {
+            mse_threshold: 0.015,
+            sensor_power_max_w: 0.05,
+        },
+        users: UsersTable {
+            power_max_w: 0.2,
+            positions_m: draw(&mut random, users, user_ground),
+        },
+        sensors: SensorsTable {
+            positions_m: draw(&mut random, sensors, sensor_ground),
+        },
+        origin: Origin::default(),
+        sensing: Sensing::default(),
+    };
+    let name = match topology {
+        Topology::Separated => "separated",
+        Topology::Mixed => "mixed",
+    };
+    Scenario::from_file(name, file)
+}
+
+/// `count` places on the ground, to the decimetre.
+fn draw(
+    random: &mut Pcg64,
+    count: usize,
+    [[west, east], [south, north]]: Rectangle,
+) -> Vec<[f64; 2]> {
+    let decimetre = |value: f64| (value * 10.0).round() / 10.0;
+    (0..count)
+        .map(|_| {
+            [
+                decimetre(random.random_range(west..east)),
+                decimetre(random.random_range(south..north)),
+            ]
+        })
+        .collect()
+}
