@@ -1,3 +1,4 @@
 //! The host's side.
 
+pub mod record;
 pub mod scenario;
