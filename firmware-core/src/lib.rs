@@ -9,6 +9,7 @@ pub mod aircomp;
 pub mod channel;
 pub mod controller;
 pub mod inner;
+pub mod link;
 pub mod mission;
 pub mod policy;
 pub mod scalar;
