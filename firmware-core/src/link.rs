@@ -20,7 +20,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    controller::{ChannelState, SlotCommand},
+    controller::{ChannelState, Plan, SlotCommand},
     scalar::{Position, Scalar},
 };
 
@@ -50,12 +50,10 @@ pub enum Message<T: Scalar, const M: usize, const J: usize> {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct Arrival<T: Scalar> {
-    /// Which slot.
-    pub slot: u32,
+    /// What was planned: slot, waypoint, user.
+    pub plan: Plan<T>,
     /// Where the vehicle measured itself to be, metres.
     pub position: Position<T>,
-    /// Who will be served.
-    pub served_user: usize,
 }
 
 /// The buffer for a frame is too small.
@@ -219,7 +217,8 @@ fn decode<T: Scalar, const M: usize, const J: usize>(
 mod tests {
     use super::*;
     use crate::{
-        Watt, controller::ChannelSource, inner::*, test_missions::table_one, units::PowerGain,
+        Watt, controller::ChannelSource, inner::*, shield::Intervention, test_missions::table_one,
+        units::PowerGain,
     };
     use proptest::prelude::*;
     use std::vec::Vec as StdVec;
@@ -285,15 +284,22 @@ mod tests {
     #[test]
     fn the_format_is_stable() {
         let message: HostMessage = Message::Arrival(Arrival {
-            slot: 300,
-            position: Position::new(1.0, -2.0),
-            served_user: 3,
+            plan: Plan {
+                slot: 300,
+                waypoint: Position::new(1.0, -2.0),
+                served_user: 3,
+                intervention: Intervention {
+                    user: true,
+                    ..Intervention::default()
+                },
+            },
+            position: Position::new(1.0, -2.5),
         });
         assert_eq!(
             frame(&message),
             [
-                5, 1, 1, 172, 2, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 7, 192, 3, 222, 144,
-                249, 160, 0
+                5, 1, 1, 172, 2, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 3, 192, 3, 2, 1, 1,
+                1, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 7, 4, 192, 239, 239, 176, 227, 0
             ]
         );
     }

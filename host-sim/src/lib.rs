@@ -1,4 +1,6 @@
 //! The host's side.
 
+pub mod nomographic;
 pub mod record;
 pub mod scenario;
+pub mod world;

@@ -1,0 +1,225 @@
+//! The world around the vehicle: true channels, and the signals themselves.
+//!
+//! A slot's signals are really drawn and superposed as eq:yr: every sensor's symbol through its
+//! coefficient and channel with its phase, the user's symbol, the receiver's noise. From the sum
+//! the vehicle estimates the average (eq:Fhat); over many symbols that gives an empirical MSE
+//! beside the analytic one, and for the symbols of the sensors' measurements an estimate in
+//! physical units.
+
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+
+use firmware_core::{
+    Position, SENSORS_MAX, USERS_MAX, aircomp,
+    controller::{ChannelState, SlotCommand},
+};
+use nalgebra::Complex;
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
+use crate::{nomographic::Nomographic, record::SignalRecord, scenario::Scenario};
+
+/// Channel state as the host sends it.
+pub type HostChannelState = ChannelState<f64, USERS_MAX, SENSORS_MAX>;
+/// A slot command as the host receives it.
+pub type HostSlotCommand = SlotCommand<f64, SENSORS_MAX>;
+
+/// Everything outside the vehicle.
+#[derive(Clone, Debug)]
+pub struct World {
+    scenario: Scenario,
+    function: Nomographic,
+    /// Slots by sensors, in the scenario's unit.
+    measurements: Vec<Vec<f64>>,
+    seed: u64,
+    symbols_per_slot: u32,
+}
+
+/// What truly came of a slot command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlotOutcome {
+    /// eq:rate at the true channels, bit/s/Hz.
+    pub rate: f64,
+    /// The MSE at the true channels.
+    pub mse: f64,
+    /// What the signals gave.
+    pub signals: SignalRecord,
+}
+
+/// Symbols drawn in a slot unless asked otherwise: 24,000 in a mission of 60.
+pub const SYMBOLS_PER_SLOT: u32 = 400;
+
+impl World {
+    /// The world of a scenario. The same `seed` draws the same signals, slot by slot, whatever
+    /// the policy does.
+    pub fn new(scenario: &Scenario, seed: u64, symbols_per_slot: u32) -> Self {
+        let measurements = scenario.sensing.measurements(&scenario.mission);
+        Self {
+            function: Nomographic::new(
+                scenario.sensing.function,
+                &scenario.sensing.weights,
+                &measurements,
+            ),
+            scenario: scenario.clone(),
+            measurements,
+            seed,
+            symbols_per_slot: symbols_per_slot.max(1),
+        }
+    }
+
+    /// The channels of a slot with the vehicle over `vehicle`.
+    pub fn channel_state(&self, slot: u32, vehicle: &Position<f64>) -> HostChannelState {
+        ChannelState::predicted(&self.scenario.mission, slot, vehicle)
+    }
+
+    /// Everybody does as commanded with the vehicle over `vehicle`: what comes of it.
+    pub fn transmit(&self, command: &HostSlotCommand, vehicle: &Position<f64>) -> SlotOutcome {
+        let mission = &self.scenario.mission;
+        let truth = self.channel_state(command.slot, vehicle);
+        let slot = aircomp::Slot {
+            sensor_gains: &truth.sensor_gains,
+            sensor_coefficients: &command.sensor_coefficients,
+            user_gain: truth.user_gains[command.served_user],
+            user_power: command.user_power,
+            noise_power: mission.parameters().noise_power,
+        };
+        SlotOutcome {
+            rate: slot.rate(),
+            mse: slot.mse(command.normalizing_factor),
+            signals: self.receive(&slot, command),
+        }
+    }
+
+    fn receive(&self, slot: &aircomp::Slot<'_, f64>, command: &HostSlotCommand) -> SignalRecord {
+        // A generator per slot: the draws of a slot do not depend on the slots before.
+        let mut random = Pcg64::seed_from_u64(self.seed ^ (u64::from(command.slot) << 32));
+        let air = Air::new(slot, &mut random);
+        let sensors = slot.sensor_gains.len() as f64;
+        let average = |symbols: &[Complex<f64>]| symbols.iter().sum::<Complex<f64>>() / sensors;
+        let estimate = |received: Complex<f64>| received * command.normalizing_factor / sensors;
+
+        let mut symbols = vec![Complex::default(); slot.sensor_gains.len()];
+        let mut squares = 0.0;
+        for _ in 0..self.symbols_per_slot {
+            symbols.fill_with(|| unit_symbol(&mut random));
+            let received = air.superpose(&symbols, &mut random);
+            squares += (estimate(received) - average(&symbols)).norm_sqr();
+        }
+
+        let measured = &self.measurements[command.slot as usize - 1];
+        let own = self.function.pre_process(measured);
+        let own: Vec<_> = own.into_iter().map(Complex::from).collect();
+        let received = air.superpose(&own, &mut random);
+        SignalRecord {
+            empirical_mse: squares / f64::from(self.symbols_per_slot),
+            symbols: self.symbols_per_slot,
+            true_value: self.function.true_value(measured),
+            // Measurements are real, so the estimate is the real part.
+            estimate: self.function.post_process(estimate(received).re),
+        }
+    }
+}
+
+/// The channel of one slot as complex numbers.
+struct Air {
+    /// `b_j h_j`, phases included.
+    sensors: Vec<Complex<f64>>,
+    /// `g sqrt(p)`.
+    user: Complex<f64>,
+    /// `sigma`.
+    noise_amplitude: f64,
+}
+
+impl Air {
+    /// Draws the phases: each sensor's coefficient carries the conjugate of its channel's.
+    fn new(slot: &aircomp::Slot<'_, f64>, random: &mut Pcg64) -> Self {
+        let mut phase = || random.random_range(0.0..TAU);
+        let sensors = slot.sensor_gains.iter().zip(slot.sensor_coefficients);
+        let sensors = sensors
+            .map(|(gain, &coefficient)| {
+                let phase = phase();
+                let h = polar(gain.amplitude(), phase);
+                let b = polar(coefficient, -phase);
+                b * h
+            })
+            .collect();
+        Self {
+            sensors,
+            user: polar(slot.user_gain.amplitude(), phase()) * slot.user_power.0.sqrt(),
+            noise_amplitude: slot.noise_power.0.sqrt(),
+        }
+    }
+
+    /// eq:yr: what arrives when the sensors send `symbols`, the user a symbol of its own, and
+    /// the receiver adds noise.
+    fn superpose(&self, symbols: &[Complex<f64>], random: &mut Pcg64) -> Complex<f64> {
+        let sensors: Complex<f64> = self.sensors.iter().zip(symbols).map(|(a, o)| a * o).sum();
+        sensors + self.user * unit_symbol(random) + unit_symbol(random) * self.noise_amplitude
+    }
+}
+
+/// `magnitude e^(i phase)`.
+fn polar(magnitude: f64, phase: f64) -> Complex<f64> {
+    Complex::new(phase.cos(), phase.sin()) * magnitude
+}
+
+/// A circular complex Gaussian of mean 0 and variance 1.
+fn unit_symbol(random: &mut Pcg64) -> Complex<f64> {
+    let mut part = || -> f64 { StandardNormal.sample(&mut *random) };
+    Complex::new(part(), part()) * FRAC_1_SQRT_2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{Topology, generate};
+    use firmware_core::{controller::Controller, policy::StraightLine};
+
+    /// The signals agree with the formula: within 4 standard errors over 20,000 symbols in each
+    /// of 60 slots (a fixed seed, so this holds or it does not), and 3 for the mission.
+    #[test]
+    fn empirical_mse_meets_the_analytic_one() {
+        let scenario = generate(Topology::Separated, 1, 15, 36).unwrap();
+        let world = World::new(&scenario, 7, 20_000);
+        let mission = scenario.mission.clone();
+        let mut controller = Controller::new(mission.clone(), StraightLine::new(&mission));
+        let mut place = mission.parameters().start;
+        let mut sum = 0.0;
+        for slot in 1..=mission.slots() {
+            place = controller.plan(place).unwrap().waypoint;
+            let command = controller
+                .allocate(&world.channel_state(slot, &place))
+                .unwrap();
+            let outcome = world.transmit(&command, &place);
+            assert!((outcome.mse / command.mse - 1.0).abs() < 1e-12);
+            assert!((outcome.rate - command.rate).abs() < 1e-12);
+            let ratio = outcome.signals.empirical_mse / outcome.mse;
+            assert!(
+                (ratio - 1.0).abs() < 4.0 / 20_000f64.sqrt(),
+                "{slot}: {ratio}"
+            );
+            sum += ratio;
+        }
+        let slots = f64::from(mission.slots());
+        assert!((sum / slots - 1.0).abs() < 3.0 / (20_000.0 * slots).sqrt());
+    }
+
+    #[test]
+    fn the_same_seed_draws_the_same_signals() {
+        let scenario = generate(Topology::Mixed, 2, 3, 5).unwrap();
+        let mission = &scenario.mission;
+        let place = Position::new(500.0, 500.0);
+        let mut controller = Controller::new(mission.clone(), StraightLine::new(mission));
+        controller.plan(place).unwrap();
+        let outcome = |seed| {
+            let world = World::new(&scenario, seed, 50);
+            let command = controller
+                .clone()
+                .allocate(&world.channel_state(1, &place))
+                .unwrap();
+            world.transmit(&command, &place)
+        };
+        assert_eq!(outcome(1), outcome(1));
+        assert_ne!(outcome(1), outcome(2));
+    }
+}
