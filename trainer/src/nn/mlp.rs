@@ -284,6 +284,11 @@ impl Trace {
     pub fn input_gradient(&self) -> &[f32] {
         &self.deltas[0]
     }
+
+    /// As [`input_gradient`](Self::input_gradient), to add to.
+    pub fn input_gradient_mut(&mut self) -> &mut [f32] {
+        &mut self.deltas[0]
+    }
 }
 
 /// An independent network in double precision: what the tests differentiate numerically.

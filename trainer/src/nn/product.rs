@@ -116,20 +116,21 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // The tile is as wide as half the registers hold: 4 x 4 accumulators with 32
-        // registers of 16 lanes, 4 x 2 with 16 registers.
-        if S::F32_LANES >= 16 {
-            self.tiles::<S, 4>(simd);
-        } else {
-            self.tiles::<S, 2>(simd);
+        // A tile of accumulators fills half the registers: 16 of 32 where vectors have 16
+        // lanes, 8 of 16 elsewhere; narrow results get tall tiles.
+        let width = self.columns / S::F32_LANES;
+        match (S::F32_LANES >= 16, width) {
+            (true, 1) => self.tiles::<S, 8, 1>(simd),
+            (true, 2..=3) => self.tiles::<S, 8, 2>(simd),
+            (true, _) => self.tiles::<S, 4, 4>(simd),
+            (false, _) => self.tiles::<S, 4, 2>(simd),
         }
     }
 }
 
 impl Product<'_> {
     #[inline(always)]
-    fn tiles<S: Simd, const V: usize>(self, simd: S) {
-        const ROWS: usize = 4;
+    fn tiles<S: Simd, const R: usize, const V: usize>(self, simd: S) {
         let width = self.columns / S::F32_LANES;
         let (b, _) = S::as_simd_f32s(&self.b[..self.k * self.columns]);
         let (c, _) = S::as_mut_simd_f32s(&mut self.c[..self.a.rows * self.columns]);
@@ -147,9 +148,9 @@ impl Product<'_> {
             epilogue: self.epilogue,
         };
         let mut row = 0;
-        while row + ROWS <= panel.a.rows {
-            panel.row_of_tiles::<ROWS, V>(simd, row);
-            row += ROWS;
+        while row + R <= panel.a.rows {
+            panel.row_of_tiles::<R, V>(simd, row);
+            row += R;
         }
         while row < panel.a.rows {
             panel.row_of_tiles::<1, V>(simd, row);
@@ -184,15 +185,18 @@ impl<S: Simd> Panel<'_, S> {
 
     #[inline(always)]
     fn tile<const R: usize, const V: usize>(&mut self, simd: S, row: usize, column: usize) {
-        let a = &self.a.data[row * self.a.row_stride..];
+        let (k, width) = (self.k, self.width);
+        let (row_stride, k_stride) = (self.a.row_stride, self.a.k_stride);
+        let a = &self.a.data[row * row_stride..];
+        let b = &self.b[column..];
         let mut sum = [[simd.splat_f32s(0.0); V]; R];
-        for k in 0..self.k {
-            let start = k * self.width + column;
-            let b = &self.b[start..start + V];
-            for (r, sum) in sum.iter_mut().enumerate() {
-                let factor = simd.splat_f32s(a[r * self.a.row_stride + k * self.a.k_stride]);
-                for (sum, &b) in sum.iter_mut().zip(b) {
-                    *sum = simd.mul_add_f32s(factor, b, *sum);
+        for k in 0..k {
+            let b = &b[k * width..k * width + V];
+            // Indices, not iterators: the sums have to stay in registers.
+            for r in 0..R {
+                let factor = simd.splat_f32s(a[r * row_stride + k * k_stride]);
+                for v in 0..V {
+                    sum[r][v] = simd.mul_add_f32s(factor, b[v], sum[r][v]);
                 }
             }
         }
