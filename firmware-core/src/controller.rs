@@ -210,8 +210,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// Whether a vehicle over `place` has arrived: the destination is at most one more slot
     /// away (eq:traj2, as corrected).
     pub fn has_arrived(&self, place: &Position<T>) -> bool {
-        let slack = self.mission.reach_m() * T::CONSTRAINT_TOLERANCE;
-        (place - self.mission.parameters().destination).norm() <= self.mission.reach_m() + slack
+        let (p, reach_m) = (self.mission.parameters(), self.mission.reach_m());
+        let slack_m = shield::rounding_m(&p.area, reach_m);
+        (place - p.destination).norm() <= reach_m + slack_m
     }
 
     /// Decides the next slot from where the vehicle is: an admissible waypoint and user.

@@ -104,19 +104,14 @@ impl<T: Scalar> ReachableSet<T> {
         )
     }
 
-    /// The slack that rounding is allowed, metres: relative to the largest length at hand.
-    fn tolerance_m(&self) -> T {
-        let scale = self
-            .area
-            .east_m
-            .max(self.area.north_m)
-            .max(self.step.radius_m);
-        scale * T::CONSTRAINT_TOLERANCE
+    /// [`rounding_m`] of this set.
+    fn rounding_m(&self) -> T {
+        rounding_m(&self.area, self.step.radius_m)
     }
 
-    /// Whether a place is in the set, up to rounding.
+    /// Whether a place is in the set, up to half of [`rounding_m`].
     pub fn contains(&self, place: &Position<T>) -> bool {
-        let slack = self.tolerance_m();
+        let slack = self.rounding_m() / T::of(2.0);
         let inside = |disc: &Disc<T>| (place - disc.center).norm() <= disc.radius_m + slack;
         self.area.contains(place) && inside(&self.step) && inside(&self.home)
     }
@@ -199,25 +194,38 @@ impl<T: Scalar> Disc<T> {
     /// Where two borders meet; the nearest points of near-tangent circles too, so that discs
     /// that touch up to rounding still give their point.
     fn meet_disc(&self, other: &Self, mut visit: impl FnMut(Position<T>)) {
-        let axis = other.center - self.center;
+        // Seen from the smaller disc: from the larger one, rounding of the foot would be
+        // magnified by the ratio of the radii.
+        let (small, large) = if self.radius_m <= other.radius_m {
+            (self, other)
+        } else {
+            (other, self)
+        };
+        let axis = large.center - small.center;
         let distance = axis.norm();
         if distance <= T::zero() {
             return;
         }
         let direction = axis / distance;
-        let two = T::of(2.0);
         // Distance along the axis of the common chord, in the form that does not cancel.
         let along = (distance
-            + (self.radius_m - other.radius_m) * ((self.radius_m + other.radius_m) / distance))
-            / two;
-        let square = (self.radius_m - along) * (self.radius_m + along);
-        let half_chord = square.max(T::zero()).sqrt();
-        let foot = self.center + direction * along.max(-self.radius_m).min(self.radius_m);
+            - (large.radius_m - small.radius_m) * ((large.radius_m + small.radius_m) / distance))
+            / T::of(2.0);
+        let along = along.max(-small.radius_m).min(small.radius_m);
+        let half_chord = ((small.radius_m - along) * (small.radius_m + along)).sqrt();
+        let foot = small.center + direction * along;
         let normal = Displacement::new(-direction.y, direction.x);
         visit(foot);
         visit(foot + normal * half_chord);
         visit(foot - normal * half_chord);
     }
+}
+
+/// The slack that rounding of positions is allowed, metres: a few units in the last place of
+/// the largest length at hand, 4 picometres per kilometre in double and 2 mm in single precision.
+/// The constraints of a mission hold up to it, however many slots it has.
+pub fn rounding_m<T: Scalar>(area: &Area<T>, reach_m: T) -> T {
+    area.east_m.max(area.north_m).max(reach_m) * T::EPSILON * T::of(16.0)
 }
 
 /// Whether a policy's displacement is usable: finite.
@@ -244,19 +252,24 @@ pub fn admissible_waypoint<T: Scalar>(
     match set.nearest(&wish) {
         Some(waypoint) => {
             // Rounding alone is not an intervention.
-            let moved = (waypoint - wish).norm() > set.tolerance_m();
+            let moved = (waypoint - wish).norm() > set.rounding_m();
             changed.displacement |= moved;
             waypoint
         }
         None => {
-            changed.out_of_reach = true;
-            let home = set.home.center;
-            let towards = home - from;
+            let (home, reach_m) = (&set.home, set.step.radius_m);
+            let towards = home.center - from;
             let distance = towards.norm();
-            let waypoint = if distance <= set.step.radius_m {
-                home
+            let gap = distance - reach_m - home.radius_m;
+            changed.out_of_reach = gap > set.rounding_m() || !set.area.contains(&from);
+            let waypoint = if !changed.out_of_reach {
+                // On a mission without a metre to spare the discs only touch, and rounding
+                // parts them. Landing on the border itself keeps it from adding up.
+                home.border_towards(&from)
+            } else if distance <= reach_m {
+                home.center
             } else {
-                from + towards * (set.step.radius_m / distance)
+                from + towards * (reach_m / distance)
             };
             set.clamp_to_area(&waypoint)
         }

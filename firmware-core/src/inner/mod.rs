@@ -5,16 +5,20 @@
 //! maximise R   subject to   MSE <= Gamma,  |b_j|^2 <= p_b^max,  0 <= p <= p^max,  eta >= 0
 //! ```
 //!
-//! [`exact`] solves it in closed form and is the default.
+//! [`exact`] solves it in closed form and is the default; everything it needs of the sensors is
+//! in [`SensorField`], sorted once per position.
 //!
 //! Outcomes are values: a slot in which no choice meets `Gamma` is [`Status::Infeasible`], with
 //! the least MSE that can be had; errors are for input that is not a slot problem.
 
 pub mod exact;
+mod level;
 
 use core::fmt;
 
 use serde::{Deserialize, Serialize};
+
+pub use level::{PrefixSum, SensorField, Workspace};
 
 use crate::{
     mission::Mission,
@@ -136,6 +140,63 @@ impl<T> Status<T> {
     }
 }
 
+/// The answer to a slot problem. The coefficients follow from two numbers and the channel:
+/// [`coefficient`](Self::coefficient).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution<T> {
+    /// How the slot came out.
+    pub status: Status<T>,
+    /// `R`, bit/s/Hz.
+    pub rate: T,
+    /// `p` of the served user.
+    pub user_power: Watt<T>,
+    /// `eta` (eq:eta_), one over square root of watts.
+    pub normalizing_factor: T,
+    /// The amplitude at which sensors arrive that can, square root of watts.
+    level: T,
+    coefficient_max: T,
+}
+
+impl<T: Scalar> Solution<T> {
+    /// `|b_j|` of a sensor with gain `|h_j|^2`, square root of watts; at most
+    /// `sqrt(p_b^max)`, exactly. A sensor that cannot be heard stays silent.
+    pub fn coefficient(&self, gain: PowerGain<T>) -> T {
+        let amplitude = gain.amplitude();
+        if amplitude <= T::zero() {
+            return T::zero();
+        }
+        (self.level / amplitude).min(self.coefficient_max)
+    }
+}
+
+impl<T: Scalar> SensorField<'_, T> {
+    /// From the normalised problem back to watts: `p = q sigma^2 / |g|^2`, never above `p^max`.
+    fn solution(
+        &self,
+        status: Status<T>,
+        level: &level::Level<T>,
+        signal: T,
+        user: PowerGain<T>,
+    ) -> Solution<T> {
+        let power_max = self.limits.user_power_max.0;
+        let user_power = if signal <= T::zero() {
+            T::zero()
+        } else if signal >= self.normalized_budget(user) {
+            power_max
+        } else {
+            (signal * (self.limits.noise_power.0 / user.0)).min(power_max)
+        };
+        Solution {
+            status,
+            rate: exact::rate_of_sinr(signal / level.energy),
+            user_power: Watt(user_power),
+            normalizing_factor: level.sum / ((signal + level.energy) * self.noise_amplitude),
+            level: level.c * self.noise_amplitude,
+            coefficient_max: self.coefficient_max,
+        }
+    }
+}
+
 /// Input that is not a slot problem.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SlotError<T: fmt::Display> {
@@ -174,6 +235,17 @@ pub enum SlotError<T: fmt::Display> {
         /// What fits.
         capacity: usize,
     },
+}
+
+impl<T: Scalar> SlotError<T> {
+    /// The gain of the user to serve, 0 for nobody; refused if it is not a gain.
+    fn check_user(user: Option<PowerGain<T>>) -> Result<PowerGain<T>, Self> {
+        match user {
+            Some(gain) if !gain.is_valid() => Err(Self::UserGain { value: gain.0 }),
+            Some(gain) => Ok(gain),
+            None => Ok(PowerGain(T::zero())),
+        }
+    }
 }
 
 /// Checks gains before a solver sees them.

@@ -1,0 +1,225 @@
+//! Sensors sorted by strength, and the one-parameter family of amplitudes that every solver of
+//! the slot problem moves in (`docs/mathematics.md`, section 3).
+//!
+//! In noise-normalised units, `a_j = sqrt(p_b^max) |h_j| / sigma`, the best amplitudes are
+//! `y_j = min(c, a_j)` for one *level* `c`: strong sensors turn down to it, weak ones give all
+//! they have. With the `a_j` sorted and summed once,
+//!
+//! ```text
+//! A(c) = sum_j min(c, a_j)      E(c) = 1 + sum_j min(c, a_j)^2      f(c) = A^2 / E
+//! ```
+//!
+//! cost a look at two running sums, and between two neighbouring `a_j` they are polynomials.
+//! `f` is unimodal; its top is at the *peak level* `c*`, where `E = c A`.
+//!
+//! Worst case: `O(J log J)` to sort, `O(J)` for the sums, `O(log J)` for the peak.
+
+use super::{SlotError, SlotLimits, check_gains};
+use crate::{scalar::Scalar, units::PowerGain};
+
+/// Room for the sorted amplitudes of up to `J` sensors and their running sums.
+#[derive(Clone, Debug)]
+pub struct Workspace<T, const J: usize> {
+    amplitude: [T; J],
+    sums: [PrefixSum<T>; J],
+}
+
+impl<T: Scalar, const J: usize> Default for Workspace<T, J> {
+    fn default() -> Self {
+        Self {
+            amplitude: [T::zero(); J],
+            sums: [PrefixSum::default(); J],
+        }
+    }
+}
+
+impl<T: Scalar, const J: usize> Workspace<T, J> {
+    /// Takes in the sensors of a slot: see [`SensorField::new`].
+    ///
+    /// # Errors
+    /// As [`SensorField::new`].
+    pub fn sensors(
+        &mut self,
+        limits: &SlotLimits<T>,
+        sensor_gains: &[PowerGain<T>],
+    ) -> Result<SensorField<'_, T>, SlotError<T>> {
+        SensorField::new(limits, sensor_gains, &mut self.amplitude, &mut self.sums)
+    }
+}
+
+/// Sums over the sensors below a place in the sorted order.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PrefixSum<T> {
+    pub(super) amplitude: T,
+    pub(super) energy: T,
+}
+
+/// A level with the sums `A` and `E` at it, noise-normalised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Level<T> {
+    /// `c`.
+    pub(super) c: T,
+    /// `A(c)`.
+    pub(super) sum: T,
+    /// `E(c)`, the noise's 1 included.
+    pub(super) energy: T,
+}
+
+impl<T: Scalar> Level<T> {
+    /// `f = A^2 / E`, formed so that nothing overflows or vanishes in single precision.
+    pub(super) fn efficiency(&self) -> T {
+        self.sum * (self.sum / self.energy)
+    }
+}
+
+/// The sensors of one slot at one position, sorted, with the peak level found: everything that
+/// does not depend on the user.
+#[derive(Clone, Debug)]
+pub struct SensorField<'w, T> {
+    /// `a_j`, ascending.
+    pub(super) amplitude: &'w [T],
+    /// `sums[k]`: over the `k` weakest sensors.
+    pub(super) sums: &'w [PrefixSum<T>],
+    pub(super) peak: Level<T>,
+    pub(super) kappa: T,
+    pub(super) limits: SlotLimits<T>,
+    /// `sigma`, square root of watts.
+    pub(super) noise_amplitude: T,
+    /// The largest coefficient whose square does not exceed `p_b^max`.
+    pub(super) coefficient_max: T,
+}
+
+impl<'w, T: Scalar> SensorField<'w, T> {
+    /// Sorts the sensors into the caller's room and finds the peak. `amplitude` and `sums`
+    /// must hold at least as many entries as there are sensors.
+    ///
+    /// # Errors
+    /// A gain that is NaN, infinite or negative, limits that make no problem (`Gamma >= 1/J`
+    /// among them), too little room.
+    pub fn new(
+        limits: &SlotLimits<T>,
+        sensor_gains: &[PowerGain<T>],
+        amplitude: &'w mut [T],
+        sums: &'w mut [PrefixSum<T>],
+    ) -> Result<Self, SlotError<T>> {
+        let sensors = sensor_gains.len();
+        limits.check(sensors)?;
+        check_gains(sensor_gains)?;
+        let capacity = amplitude.len().min(sums.len());
+        if sensors > capacity {
+            return Err(SlotError::TooManySensors { sensors, capacity });
+        }
+        let noise_amplitude = limits.noise_power.0.sqrt();
+        let coefficient_max = limits.coefficient_max();
+        // Beside a sensor this strong the noise is below rounding, and `f` no longer tells it
+        // from a stronger one: the cap loses nothing, and sums of squares stay finite.
+        let strongest = T::one() / T::EPSILON;
+        let amplitude = &mut amplitude[..sensors];
+        for (a, gain) in amplitude.iter_mut().zip(sensor_gains) {
+            *a = (coefficient_max * gain.amplitude() / noise_amplitude).min(strongest);
+        }
+        amplitude.sort_unstable_by(T::order);
+        let sums = &mut sums[..sensors];
+        let mut running = PrefixSum::default();
+        for (sum, &a) in sums.iter_mut().zip(amplitude.iter()) {
+            *sum = running;
+            running.amplitude += a;
+            running.energy += a * a;
+        }
+        let mut field = Self {
+            amplitude,
+            sums,
+            peak: Level {
+                c: T::zero(),
+                sum: T::zero(),
+                energy: T::one(),
+            },
+            kappa: limits.kappa(sensors),
+            limits: *limits,
+            noise_amplitude,
+            coefficient_max,
+        };
+        field.peak = field.find_peak();
+        Ok(field)
+    }
+
+    /// How many sensors there are.
+    pub fn sensor_count(&self) -> usize {
+        self.amplitude.len()
+    }
+
+    /// Whether `Gamma` can be met at all here: `f(c*) >= kappa`.
+    pub fn is_feasible(&self) -> bool {
+        self.peak.efficiency() >= self.kappa
+    }
+
+    /// The least MSE that these channels allow with the user silent: `(J - f(c*)) / J^2`.
+    pub fn least_mse(&self) -> T {
+        let sensors = T::count(self.sensor_count());
+        (sensors - self.peak.efficiency()) / (sensors * sensors)
+    }
+
+    /// `Q = p^max |g|^2 / sigma^2`; infinite where the number type ends.
+    pub(super) fn normalized_budget(&self, user: PowerGain<T>) -> T {
+        let power = self.limits.user_power_max.0;
+        if power <= T::zero() {
+            return T::zero();
+        }
+        power * (user.0 / self.limits.noise_power.0)
+    }
+
+    /// `A` and `E` at level `c`, which lies in segment `k`: above the `k` weakest sensors.
+    pub(super) fn level_in_segment(&self, k: usize, c: T) -> Level<T> {
+        let strong = T::count(self.sensor_count() - k);
+        let below = self.sums[k];
+        Level {
+            c,
+            sum: below.amplitude + strong * c,
+            energy: T::one() + below.energy + strong * c * c,
+        }
+    }
+
+    /// The level inside the first segment whose upper end is `enough`: a question about the
+    /// end of segment `k`, `c = a_k`, that is answered no up to some amplitude and yes from it
+    /// on. `within` gives the level for `J - k` sensors at it and the sums of those below; it is
+    /// held to the segment and to `ceiling`. Worst case: `log2 J` questions.
+    pub(super) fn first_level(
+        &self,
+        ceiling: T,
+        enough: impl Fn(usize, T) -> bool,
+        within: impl FnOnce(T, PrefixSum<T>) -> T,
+    ) -> Level<T> {
+        let (mut low, mut high) = (0, self.sensor_count() - 1);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            let c = self.amplitude[middle];
+            if c >= ceiling || enough(middle, c) {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
+        }
+        let floor = match low {
+            0 => T::zero(),
+            k => self.amplitude[k - 1],
+        };
+        let top = self.amplitude[low].min(ceiling);
+        let c = within(T::count(self.sensor_count() - low), self.sums[low]);
+        // Where rounding leads out of the segment, its end is the answer; also for a quotient
+        // 0/0, which only an empty segment gives.
+        let c = if c < top { c.max(floor) } else { top };
+        self.level_in_segment(low, c)
+    }
+
+    /// `c*`: the level where `E - c A` reaches 0, or the strongest amplitude where it never
+    /// does. With `k` sensors below, the quadratic terms cancel:
+    /// `E - c A = 1 + energy_k - c amplitude_k`, which only falls.
+    fn find_peak(&self) -> Level<T> {
+        let rest = |below: PrefixSum<T>| T::one() + below.energy;
+        self.first_level(
+            self.amplitude[self.sensor_count() - 1],
+            |k, c| rest(self.sums[k]) <= c * self.sums[k].amplitude,
+            |_, below| rest(below) / below.amplitude,
+        )
+    }
+}
