@@ -6,6 +6,7 @@
 extern crate std;
 
 pub mod aircomp;
+pub mod autopilot;
 pub mod channel;
 pub mod controller;
 pub mod inner;

@@ -3,4 +3,5 @@
 pub mod nomographic;
 pub mod record;
 pub mod scenario;
+pub mod vehicle;
 pub mod world;

@@ -1,0 +1,244 @@
+//! What can go wrong in flight, after how long it counts, and what is done about it.
+//!
+//! One table, [`TABLE`]; `docs/failsafes.md` prints it, and a test keeps the two equal.
+//! Three rules stand above it: after the pilot (or the autopilot itself) took over, nothing is
+//! sent any more that could move the vehicle; after a failsafe the vehicle is never armed
+//! again; while we cannot know where the vehicle is, no setpoint is sent.
+
+use core::fmt;
+
+use super::profile::Mode;
+use crate::scalar::Scalar;
+use crate::time::Duration;
+
+/// What went wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// No heartbeat of the autopilot.
+    HeartbeatLost,
+    /// No position sample.
+    PositionLost,
+    /// The position changed faster than anything flies.
+    PositionJumped,
+    /// Leg after leg the vehicle did not move where it was sent.
+    SetpointsIgnored,
+    /// The mode is no longer the one we set: the pilot, or a failsafe of the autopilot.
+    ControlTaken(Mode),
+    /// The motors stopped in flight.
+    Disarmed,
+    /// Too little left in the battery.
+    BatteryLow,
+    /// The vehicle is outside the geofence.
+    FenceBreached,
+    /// The ground has not been heard.
+    GroundSilent,
+    /// The next leg did not come.
+    SlotOverrun,
+    /// A person asked us to stop (ctrl-C).
+    StopAsked,
+    /// A command that the flight cannot do without was refused or never answered.
+    CommandFailed,
+    /// A stage of the start took too long.
+    StageTimedOut,
+}
+
+/// What is sent when it happens in flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reaction {
+    /// Nothing that moves the vehicle, ever again; our heartbeat goes on.
+    Release,
+    /// Nothing at all, the heartbeat included, until the autopilot is heard again; then land.
+    Silence,
+    /// NAV_LAND where it is.
+    Land,
+}
+
+/// A row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// What went wrong, for the sake of matching; fields are placeholders.
+    pub cause: Cause,
+    /// What is looked at, and for how long.
+    pub detected: &'static str,
+    /// What is done in flight.
+    pub reaction: Reaction,
+    /// How it ends.
+    pub ends: &'static str,
+}
+
+/// The whole of it.
+pub static TABLE: [Row; 13] = [
+    Row {
+        cause: Cause::HeartbeatLost,
+        detected: "no heartbeat of the latched autopilot for `heartbeat` (3 s)",
+        reaction: Reaction::Silence,
+        ends: "the autopilot's own link failsafe; if it is heard again and still ours, NAV_LAND",
+    },
+    Row {
+        cause: Cause::PositionLost,
+        detected: "no new position sample for `position` (1.5 s)",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::PositionJumped,
+        detected: "two samples further apart than `jump_m` (60 m) plus twice the speed limit times their time",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::SetpointsIgnored,
+        detected: "`ignored_legs` (6) legs in a row of which less than a tenth was flown",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::ControlTaken(Mode(0)),
+        detected: "a heartbeat with another mode than the one we set",
+        reaction: Reaction::Release,
+        ends: "with the pilot; control is never taken back",
+    },
+    Row {
+        cause: Cause::Disarmed,
+        detected: "a heartbeat that is not armed while flying",
+        reaction: Reaction::Release,
+        ends: "on the ground",
+    },
+    Row {
+        cause: Cause::BatteryLow,
+        detected: "SYS_STATUS.battery_remaining below `battery_percent` (20 %) for `battery` (2 s)",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::FenceBreached,
+        detected: "a position sample more than `fence_margin_m` (10 m) outside the geofence",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::GroundSilent,
+        detected: "no frame on the ground link for `ground` (off unless set)",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::SlotOverrun,
+        detected: "the reference comes to rest one setpoint after a leg's end; no new leg for `overrun` (10 s)",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::StopAsked,
+        detected: "ctrl-C, or a call of `stop`",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed",
+    },
+    Row {
+        cause: Cause::CommandFailed,
+        detected: "refused for good, or `attempts` (8) without an answer",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed, or never taken off",
+    },
+    Row {
+        cause: Cause::StageTimedOut,
+        detected: "a stage of the start longer than `stage` (180 s)",
+        reaction: Reaction::Land,
+        ends: "landed and disarmed, or never taken off",
+    },
+];
+
+impl Cause {
+    /// The row of the table.
+    pub fn row(&self) -> &'static Row {
+        let same =
+            |row: &&Row| core::mem::discriminant(&row.cause) == core::mem::discriminant(self);
+        // Every cause has its row (tested); the last stands for one that was forgotten.
+        TABLE.iter().find(same).unwrap_or(&TABLE[TABLE.len() - 1])
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::HeartbeatLost => "autopilot heartbeat lost",
+            Self::PositionLost => "position lost",
+            Self::PositionJumped => "position jumped",
+            Self::SetpointsIgnored => "setpoints ignored",
+            Self::ControlTaken(_) => "control taken by the pilot or the autopilot",
+            Self::Disarmed => "disarmed in flight",
+            Self::BatteryLow => "battery low",
+            Self::FenceBreached => "outside the geofence",
+            Self::GroundSilent => "ground link silent",
+            Self::SlotOverrun => "no new leg after a slot's end",
+            Self::StopAsked => "stop asked for",
+            Self::CommandFailed => "a needed command failed",
+            Self::StageTimedOut => "a stage took too long",
+        })
+    }
+}
+
+impl fmt::Display for Reaction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Release => "release control",
+            Self::Silence => "fall silent",
+            Self::Land => "land",
+        })
+    }
+}
+
+/// How long each thing may last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Watch<T> {
+    /// Without a heartbeat.
+    pub heartbeat: Duration,
+    /// Without a position sample.
+    pub position: Duration,
+    /// Least jump that counts as one, m.
+    pub jump_m: T,
+    /// Legs in a row that were not flown.
+    pub ignored_legs: u8,
+    /// Battery that is too low, percent.
+    pub battery_percent: i8,
+    /// Below that for this long.
+    pub battery: Duration,
+    /// How far outside the geofence counts, m.
+    pub fence_margin_m: T,
+    /// Without the ground; `None` if nobody listens for it.
+    pub ground: Option<Duration>,
+    /// Without a new leg.
+    pub overrun: Duration,
+    /// Longest stage of the start (checks, arming, climb, flight to the start).
+    pub stage: Duration,
+}
+
+impl<T: Scalar> Default for Watch<T> {
+    fn default() -> Self {
+        Self {
+            heartbeat: Duration::from_secs(3),
+            position: Duration::from_millis(1500),
+            jump_m: T::of(60.0),
+            ignored_legs: 6,
+            battery_percent: 20,
+            battery: Duration::from_secs(2),
+            fence_margin_m: T::of(10.0),
+            ground: None,
+            overrun: Duration::from_secs(10),
+            stage: Duration::from_secs(180),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_cause_has_one_row_of_its_own() {
+        for (i, row) in TABLE.iter().enumerate() {
+            let found = core::ptr::from_ref(row.cause.row());
+            assert_eq!(found, core::ptr::from_ref(&TABLE[i]), "{}", row.cause);
+        }
+    }
+}

@@ -1,0 +1,495 @@
+//! Where the vehicle should be *now*: trajectories between way-points.
+//!
+//! Autopilots take a bare position as a place to stop at; flown at the mission's pace it lags
+//! by a hundred metres. So the client streams position, velocity and acceleration of a
+//! reference that moves. A [`Trajectory`] is a polynomial of degree five per axis, fixed by
+//! position, velocity and acceleration at both ends; the acceleration at its end is zero.
+//!
+//! [`Guide`] strings them together:
+//!
+//! * a **leg** reaches its way-point at the slot's end, passing through it with the mean
+//!   velocity of the leg, as nearly as [`Limits`] allow. Where they do not (from rest, or
+//!   round a sharp corner) the reference ends short of the way-point, on the way to it, and
+//!   the next leg starts from there.
+//! * a **transit** goes from rest to rest, in the least time the limits allow.
+//! * a **stop** follows whatever was not continued: the last reference decelerates to rest.
+//!   A stream never ends with a velocity in it.
+
+use nalgebra::Vector2;
+
+use crate::scalar::{Displacement, Position, Scalar};
+use crate::time::{Duration, Instant};
+
+/// What the vehicle can do. Infinite where the paper's kinematics are meant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits<T> {
+    /// Largest horizontal speed, m/s.
+    pub speed_mps: T,
+    /// Largest horizontal acceleration, m/s^2.
+    pub acceleration_mps2: T,
+    /// Largest change of acceleration, m/s^3.
+    pub jerk_mps3: T,
+}
+
+impl<T: Scalar> Limits<T> {
+    /// No limits but the mission's own: every way-point is reached at the slot's end.
+    pub fn ideal() -> Self {
+        let infinity = T::of(f64::INFINITY);
+        Self {
+            speed_mps: infinity,
+            acceleration_mps2: infinity,
+            jerk_mps3: infinity,
+        }
+    }
+
+    /// Whether each limit is above zero (infinity included).
+    pub fn is_valid(&self) -> bool {
+        [self.speed_mps, self.acceleration_mps2, self.jerk_mps3]
+            .iter()
+            .all(|&limit| limit > T::zero())
+    }
+}
+
+/// Position, velocity and acceleration at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion<T: Scalar> {
+    /// Place on the map, m.
+    pub position: Position<T>,
+    /// Velocity over ground, m/s.
+    pub velocity: Displacement<T>,
+    /// Acceleration, m/s^2.
+    pub acceleration: Displacement<T>,
+}
+
+impl<T: Scalar> Motion<T> {
+    /// Standing still.
+    pub fn at_rest(position: Position<T>) -> Self {
+        Self {
+            position,
+            velocity: Vector2::zeros(),
+            acceleration: Vector2::zeros(),
+        }
+    }
+
+    /// Every number is finite.
+    pub fn is_finite(&self) -> bool {
+        let finite = |v: &Vector2<T>| v.x.finite() && v.y.finite();
+        finite(&self.position.coords) && finite(&self.velocity) && finite(&self.acceleration)
+    }
+}
+
+/// A polynomial of degree five in time, per axis, between two [`Motion`]s.
+#[derive(Clone, Copy, Debug)]
+pub struct Trajectory<T: Scalar> {
+    start: Instant,
+    span: Duration,
+    from: Motion<T>,
+    to: Motion<T>,
+    /// Coefficients of t^3, t^4, t^5 with t in units of the span.
+    high: [Displacement<T>; 3],
+}
+
+/// Points of a trajectory at which limits are checked.
+const CHECKED: usize = 12;
+/// Steps between "go on as you are" and "reach the way-point" that are tried.
+const SHARES: usize = 16;
+
+impl<T: Scalar> Trajectory<T> {
+    /// From one motion to another in `span`. With a span of zero it is at `to` at once.
+    pub fn new(start: Instant, span: Duration, from: Motion<T>, to: Motion<T>) -> Self {
+        let t = T::of(span.as_secs_f64());
+        let half = T::of(0.5);
+        // In units of the span: what a constant acceleration would leave open at the end.
+        let (v0, a0) = (from.velocity * t, from.acceleration * (t * t));
+        let (v1, a1) = (to.velocity * t, to.acceleration * (t * t));
+        let p = to.position - from.position - v0 - a0 * half;
+        let v = v1 - v0 - a0;
+        let a = a1 - a0;
+        let of = T::of;
+        let high = [
+            p * of(10.0) - v * of(4.0) + a * half,
+            p * of(-15.0) + v * of(7.0) - a,
+            p * of(6.0) - v * of(3.0) + a * half,
+        ];
+        Self {
+            start,
+            span,
+            from,
+            to,
+            high,
+        }
+    }
+
+    /// Rests at a place.
+    pub fn rest(now: Instant, position: Position<T>) -> Self {
+        let still = Motion::at_rest(position);
+        Self::new(now, Duration::ZERO, still, still)
+    }
+
+    /// When it ends.
+    pub fn end(&self) -> Instant {
+        self.start + self.span
+    }
+
+    /// How it ends.
+    pub fn target(&self) -> Motion<T> {
+        self.to
+    }
+
+    /// The motion at `now`; exactly [`Trajectory::target`] from its end on.
+    pub fn at(&self, now: Instant) -> Motion<T> {
+        if now >= self.end() {
+            return self.to;
+        }
+        let span = self.span.as_secs_f64();
+        self.at_share(T::of((now - self.start).as_secs_f64() / span), T::of(span))
+    }
+
+    fn at_share(&self, s: T, span: T) -> Motion<T> {
+        let [c3, c4, c5] = self.high;
+        let of = T::of;
+        let (v0, a0) = (
+            self.from.velocity * span,
+            self.from.acceleration * (span * span),
+        );
+        let position =
+            self.from.position + (v0 + (a0 * of(0.5) + (c3 + (c4 + c5 * s) * s) * s) * s) * s;
+        let velocity = v0 + (a0 + (c3 * of(3.0) + (c4 * of(4.0) + c5 * (of(5.0) * s)) * s) * s) * s;
+        let acceleration = a0 + (c3 * of(6.0) + (c4 * of(12.0) + c5 * (of(20.0) * s)) * s) * s;
+        Motion {
+            position,
+            velocity: velocity / span,
+            acceleration: acceleration / (span * span),
+        }
+    }
+
+    fn jerk(&self, s: T, span: T) -> Displacement<T> {
+        let [c3, c4, c5] = self.high;
+        let of = T::of;
+        (c3 * of(6.0) + (c4 * of(24.0) + c5 * (of(60.0) * s)) * s) / (span * span * span)
+    }
+
+    /// By what factor it exceeds the limits, at worst; 1 or less where it keeps them. What is
+    /// already exceeded at its start does not count against it.
+    fn strain(&self, limits: &Limits<T>) -> T {
+        let span = T::of(self.span.as_secs_f64());
+        let speed = limits.speed_mps.max(self.from.velocity.norm());
+        let acceleration = limits.acceleration_mps2.max(self.from.acceleration.norm());
+        let mut worst = T::zero();
+        for i in 0..=CHECKED {
+            let s = T::count(i) / T::count(CHECKED);
+            let motion = self.at_share(s, span);
+            worst = worst
+                .max(motion.velocity.norm() / speed)
+                .max(motion.acceleration.norm() / acceleration)
+                .max(self.jerk(s, span).norm() / limits.jerk_mps3);
+        }
+        worst
+    }
+
+    /// From `from` to `waypoint` at `end`, passing through it with the leg's mean velocity, as
+    /// nearly as `limits` allow.
+    ///
+    /// Worst case: 2 x 17 candidates of 13 points.
+    pub fn leg(
+        now: Instant,
+        end: Instant,
+        from: Motion<T>,
+        waypoint: Position<T>,
+        limits: &Limits<T>,
+    ) -> Self {
+        let span = end - now;
+        let t = T::of(span.as_secs_f64());
+        let ahead = waypoint - from.position;
+        let mean = if t > T::zero() {
+            ahead / t
+        } else {
+            Vector2::zeros()
+        };
+        let through = Self::new(
+            now,
+            span,
+            from,
+            Motion {
+                position: waypoint,
+                velocity: mean,
+                acceleration: Vector2::zeros(),
+            },
+        );
+        if t <= T::zero() || through.strain(limits) <= T::one() {
+            return through;
+        }
+        // Letting go: the acceleration fades to zero over the leg. Everything between that and
+        // the way-point is linear in the end conditions, so shares of the way are tried.
+        let third = T::of(1.0 / 3.0);
+        let half = T::of(0.5);
+        let fade = Motion {
+            position: from.position + (from.velocity + from.acceleration * (t * third)) * t,
+            velocity: from.velocity + from.acceleration * (t * half),
+            acceleration: Vector2::zeros(),
+        };
+        // With the mean velocity at the end, or with the velocity that a constant
+        // acceleration would give, which asks for the least acceleration of all.
+        let gentle = mean * T::of(2.0) - from.velocity;
+        let mut best: Option<(T, Self)> = None;
+        let mut mildest: Option<(T, Self)> = None;
+        for velocity in [mean, gentle] {
+            for i in (0..=SHARES).rev() {
+                let share = T::count(i) / T::count(SHARES);
+                let candidate = Self::new(
+                    now,
+                    span,
+                    from,
+                    Motion {
+                        position: fade.position + (waypoint - fade.position) * share,
+                        velocity: fade.velocity + (velocity - fade.velocity) * share,
+                        acceleration: Vector2::zeros(),
+                    },
+                );
+                let strain = candidate.strain(limits);
+                if strain <= T::one() {
+                    let missed = (candidate.to.position - waypoint).norm();
+                    if best.as_ref().is_none_or(|(least, _)| missed < *least) {
+                        best = Some((missed, candidate));
+                    }
+                    break;
+                }
+                if mildest.as_ref().is_none_or(|(least, _)| strain < *least) {
+                    mildest = Some((strain, candidate));
+                }
+            }
+        }
+        best.or(mildest).map_or(through, |(_, found)| found)
+    }
+
+    /// Straight to `place`, ending at rest, in the least time for which a start from rest
+    /// keeps the limits.
+    pub fn transit(now: Instant, from: Motion<T>, place: Position<T>, limits: &Limits<T>) -> Self {
+        let distance = (place - from.position).norm().to_f64();
+        // Peaks of a rest-to-rest polynomial of degree five over unit distance and time.
+        let by_speed = 1.875 * distance / limits.speed_mps.to_f64();
+        let by_acceleration = libm::sqrt(5.774 * distance / limits.acceleration_mps2.to_f64());
+        let by_jerk = libm::cbrt(60.0 * distance / limits.jerk_mps3.to_f64());
+        let brake = Self::stop(now, from, limits).span.as_secs_f64() * 2.0;
+        let seconds = by_speed.max(by_acceleration).max(by_jerk).max(brake);
+        Self::new(
+            now,
+            Duration::from_secs_f64(seconds),
+            from,
+            Motion::at_rest(place),
+        )
+    }
+
+    /// To rest, wherever that is, in the least time for which the limits are kept.
+    pub fn stop(now: Instant, from: Motion<T>, limits: &Limits<T>) -> Self {
+        let speed = from.velocity.norm().to_f64();
+        let acceleration = from.acceleration.norm().to_f64();
+        let seconds = (1.5 * speed / limits.acceleration_mps2.to_f64())
+            .max(libm::sqrt(6.0 * speed / limits.jerk_mps3.to_f64()))
+            .max(4.0 * acceleration / limits.jerk_mps3.to_f64());
+        let t = T::of(seconds);
+        let place = from.position
+            + from.velocity * (t * T::of(0.5))
+            + from.acceleration * (t * t * T::of(1.0 / 12.0));
+        Self::new(
+            now,
+            Duration::from_secs_f64(seconds),
+            from,
+            Motion::at_rest(place),
+        )
+    }
+}
+
+/// The reference over time: one trajectory after another, and a stop after the last.
+#[derive(Clone, Copy, Debug)]
+pub struct Guide<T: Scalar> {
+    limits: Limits<T>,
+    current: Trajectory<T>,
+    /// How long after a trajectory's end its continuation may come before the stop begins.
+    grace: Duration,
+}
+
+impl<T: Scalar> Guide<T> {
+    /// Rests at a place.
+    pub fn new(now: Instant, place: Position<T>, limits: Limits<T>, grace: Duration) -> Self {
+        Self {
+            limits,
+            current: Trajectory::rest(now, place),
+            grace,
+        }
+    }
+
+    /// What the vehicle can do.
+    pub fn limits(&self) -> &Limits<T> {
+        &self.limits
+    }
+
+    /// The reference at `now`.
+    pub fn at(&mut self, now: Instant) -> Motion<T> {
+        let end = self.current.end();
+        let target = self.current.target();
+        if now > end + self.grace && target.velocity != Vector2::zeros() {
+            // As if the stop had begun at the end: the vehicle flew on meanwhile.
+            self.current = Trajectory::stop(end, target, &self.limits);
+        }
+        self.current.at(now)
+    }
+
+    /// When the present trajectory ends.
+    pub fn end(&self) -> Instant {
+        self.current.end()
+    }
+
+    /// Where and how the present trajectory ends.
+    pub fn target(&self) -> Motion<T> {
+        self.current.target()
+    }
+
+    /// Starts a leg. The reference goes on from where it is if the vehicle, at `measured`,
+    /// keeps up with it within `tolerance_m`; from the vehicle itself if not.
+    pub fn fly_leg(
+        &mut self,
+        now: Instant,
+        end: Instant,
+        waypoint: Position<T>,
+        measured: Motion<T>,
+        tolerance_m: T,
+    ) {
+        let reference = self.at(now);
+        let lag = (reference.position - measured.position).norm();
+        let from = if lag <= tolerance_m {
+            reference
+        } else {
+            measured
+        };
+        self.current = Trajectory::leg(now, end, from, waypoint, &self.limits);
+    }
+
+    /// Starts a transit from where the reference is.
+    pub fn transit(&mut self, now: Instant, place: Position<T>, speed_mps: T) {
+        let limits = Limits {
+            speed_mps: self.limits.speed_mps.min(speed_mps),
+            ..self.limits
+        };
+        self.current = Trajectory::transit(now, self.at(now), place, &limits);
+    }
+
+    /// Comes to rest.
+    pub fn stop(&mut self, now: Instant) {
+        self.current = Trajectory::stop(now, self.at(now), &self.limits);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const LIMITS: Limits<f64> = Limits {
+        speed_mps: 32.0,
+        acceleration_mps2: 9.0,
+        jerk_mps3: 40.0,
+    };
+    const SECOND: Duration = Duration::from_secs(1);
+
+    fn at(seconds: f64) -> Instant {
+        Instant::ZERO + Duration::from_secs_f64(seconds)
+    }
+
+    #[test]
+    fn an_ideal_leg_ends_exactly_at_its_waypoint() {
+        let waypoint = Position::new(31.7_f32, -12.03);
+        let from = Motion::at_rest(Position::new(3.0_f32, 4.0));
+        let leg = Trajectory::leg(at(2.0), at(3.0), from, waypoint, &Limits::ideal());
+        assert_eq!(leg.at(at(3.0)).position, waypoint);
+        assert_eq!(leg.at(at(2.0)).position, from.position);
+        // Straight on the way.
+        let half = leg.at(at(2.5)).position;
+        let cross = (half - from.position).perp(&(waypoint - from.position));
+        assert!(cross.abs() < 1e-3, "{half}");
+    }
+
+    #[test]
+    fn a_straight_flight_gathers_speed_and_keeps_it() {
+        // 28 m per slot from rest, planned again each slot from the reference.
+        let mut guide = Guide::new(at(0.0), Position::origin(), LIMITS, SECOND);
+        let mut missed = std::vec::Vec::new();
+        for slot in 0..20 {
+            let now = guide.at(at(slot as f64));
+            let waypoint = now.position + Vector2::new(28.0, 0.0);
+            guide.fly_leg(at(slot as f64), at(slot as f64 + 1.0), waypoint, now, 1.0);
+            missed.push((guide.target().position - waypoint).norm());
+        }
+        assert!(missed[0] > 15.0, "from rest: {missed:?}");
+        assert!(missed[10..].iter().all(|&m| m < 0.5), "{missed:?}");
+    }
+
+    #[test]
+    fn what_is_not_continued_comes_to_rest() {
+        let mut guide = Guide::new(at(0.0), Position::origin(), LIMITS, SECOND / 10);
+        let moving = Motion {
+            velocity: Vector2::new(20.0, 0.0),
+            ..Motion::at_rest(Position::origin())
+        };
+        guide.fly_leg(at(0.0), at(1.0), Position::new(20.0, 0.0), moving, -1.0);
+        assert!(guide.at(at(1.05)).velocity.norm() > 19.0, "grace");
+        let after = guide.at(at(1.2));
+        assert!(
+            after.velocity.norm() < 20.0 && after.position.x > 20.0,
+            "{after:?}"
+        );
+        let rest = guide.at(at(20.0));
+        assert_eq!(rest.velocity, Vector2::zeros());
+        assert!((40.0..70.0).contains(&rest.position.x), "{rest:?}");
+        assert_eq!(guide.at(at(21.0)), rest);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// From any motion within the limits, to any way-point: finite, and the limits hold
+        /// to 10 % (letting go can overshoot the speed while the acceleration fades).
+        #[test]
+        fn legs_keep_the_limits(
+            v in (0.0..32.0, 0.0..6.3), a in (0.0..9.0, 0.0..6.3),
+            d in (0.0..60.0, 0.0..6.3), span in 0.5f64..3.0,
+        ) {
+            let polar = |(r, phi): (f64, f64)| Vector2::new(r * phi.cos(), r * phi.sin());
+            let from = Motion {
+                position: Position::new(100.0, -50.0),
+                velocity: polar(v),
+                acceleration: polar(a),
+            };
+            let waypoint = from.position + polar(d);
+            let leg = Trajectory::leg(at(0.0), at(span), from, waypoint, &LIMITS);
+            for i in 0..=100 {
+                let motion = leg.at(at(span * f64::from(i) / 100.0));
+                prop_assert!(motion.is_finite());
+                prop_assert!(motion.acceleration.norm() <= 9.0 * 1.1, "{motion:?}");
+                prop_assert!(motion.velocity.norm() <= 32.0 + 9.0 * 0.5 * span * 1.1, "{motion:?}");
+            }
+        }
+
+        /// Transits and stops keep the limits and end at rest.
+        #[test]
+        fn transits_keep_the_limits(d in 0.0f64..2000.0, v in 0.0f64..30.0) {
+            let from = Motion::at_rest(Position::origin());
+            let place = Position::new(d, 0.0);
+            let moving = Motion { velocity: Vector2::new(0.0, v), ..from };
+            for path in [
+                Trajectory::transit(at(0.0), from, place, &LIMITS),
+                Trajectory::stop(at(0.0), moving, &LIMITS),
+            ] {
+                let span = (path.end() - at(0.0)).as_secs_f64();
+                for i in 0..=100 {
+                    let motion = path.at(at(span * f64::from(i) / 100.0));
+                    prop_assert!(motion.is_finite());
+                    prop_assert!(motion.velocity.norm() <= 32.0 * 1.001);
+                    prop_assert!(motion.acceleration.norm() <= 9.0 * 1.001);
+                }
+                prop_assert_eq!(path.at(path.end()).velocity, Vector2::zeros());
+            }
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! What comes in. Only the latched autopilot changes anything; frames of other systems and
+//! components are looked at no further.
+
+use mavlink::dialects::common::{
+    COMMAND_ACK_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavLandedState, MavMessage,
+};
+
+use super::command::Outcome;
+use super::event::Event;
+use super::failsafe::Cause;
+use super::frames::Geodetic;
+use super::profile::{Firmware, is_armed, mode_of};
+use super::telemetry::News;
+use super::wire::{Address, status_text};
+use super::{Autopilot, Phase};
+use crate::scalar::{Position, Scalar};
+use crate::time::Instant;
+
+/// The component id of autopilots.
+const AUTOPILOT_COMPONENT: u8 = 1;
+
+impl<T: Scalar> Autopilot<T> {
+    /// Takes a message that came, with who sent it. Anything that is not meant for us, or
+    /// does not fit the phase, changes nothing.
+    pub fn receive(&mut self, now: Instant, from: Address, message: &MavMessage) {
+        if let MavMessage::HEARTBEAT(heartbeat) = message
+            && self.vehicle.is_none()
+        {
+            self.consider(now, from, heartbeat);
+        }
+        if self.vehicle.is_none_or(|(address, _)| address != from) {
+            return;
+        }
+        match message {
+            MavMessage::HEARTBEAT(heartbeat) => self.take_heartbeat(now, heartbeat),
+            MavMessage::COMMAND_ACK(ack) => self.take_ack(now, ack),
+            MavMessage::LOCAL_POSITION_NED(position) => self.take_position(now, position),
+            MavMessage::ESTIMATOR_STATUS(status) => self.telemetry.take_estimator(status),
+            MavMessage::SYS_STATUS(status) => {
+                let low = self.settings.watch.battery_percent;
+                self.telemetry.take_status(now, status, low);
+            }
+            MavMessage::EXTENDED_SYS_STATE(state) => {
+                self.telemetry.on_ground = match state.landed_state {
+                    MavLandedState::MAV_LANDED_STATE_UNDEFINED => None,
+                    MavLandedState::MAV_LANDED_STATE_ON_GROUND => Some(true),
+                    _ => Some(false),
+                };
+            }
+            MavMessage::GPS_GLOBAL_ORIGIN(origin) => self.map.set_local_origin(Geodetic {
+                latitude_e7: origin.latitude,
+                longitude_e7: origin.longitude,
+            }),
+            MavMessage::POSITION_TARGET_LOCAL_NED(echo) => {
+                let map = self.map;
+                self.take_echo(echo.time_boot_ms, |sent| {
+                    map.to_local(sent) == (echo.x, echo.y)
+                });
+            }
+            MavMessage::POSITION_TARGET_GLOBAL_INT(echo) => {
+                let place = Geodetic {
+                    latitude_e7: echo.lat_int,
+                    longitude_e7: echo.lon_int,
+                };
+                let map = self.map;
+                self.take_echo(echo.time_boot_ms, |sent| map.to_geodetic(sent) == place);
+            }
+            MavMessage::STATUSTEXT(text) => self.events.push(Event::Text {
+                severity: text.severity as u8,
+                text: status_text(text),
+            }),
+            _ => {}
+        }
+        self.advance(now);
+    }
+
+    /// Latches the first autopilot that fits.
+    fn consider(&mut self, now: Instant, from: Address, heartbeat: &HEARTBEAT_DATA) {
+        let wanted = self.settings.vehicle.is_none_or(|id| id == from.system);
+        let Some(firmware) = Firmware::of(heartbeat) else {
+            return;
+        };
+        if wanted && from.component == AUTOPILOT_COMPONENT && from.system != 0 {
+            self.vehicle = Some((from, firmware));
+            self.events.push(Event::Connected {
+                system: from.system,
+                firmware,
+            });
+            self.telemetry.heartbeat_came = Some(now);
+            self.enter(now, Phase::Checking);
+        }
+    }
+
+    fn take_heartbeat(&mut self, now: Instant, heartbeat: &HEARTBEAT_DATA) {
+        let Some((_, firmware)) = self.vehicle else {
+            return;
+        };
+        // Another kind of component under the same address does not speak for the autopilot.
+        if Firmware::of(heartbeat) != Some(firmware) {
+            return;
+        }
+        let (mode, armed) = (mode_of(heartbeat), is_armed(heartbeat));
+        self.telemetry.heartbeat_came = Some(now);
+        if self.telemetry.mode.replace(mode) != Some(mode) {
+            self.events.push(Event::Mode { firmware, mode });
+        }
+        if core::mem::replace(&mut self.telemetry.armed, armed) != armed {
+            self.events.push(Event::Armed(armed));
+        }
+        self.heartbeat_judged(now, firmware, mode);
+    }
+
+    fn take_ack(&mut self, now: Instant, ack: &COMMAND_ACK_DATA) {
+        let own = self.settings.own;
+        let ours = [0, own.system].contains(&ack.target_system)
+            && [0, own.component].contains(&ack.target_component);
+        if !ours {
+            return;
+        }
+        if let Some(pending) = &mut self.pending
+            && let Some(outcome) = pending.answer(now, ack, &self.settings.patience)
+        {
+            let request = pending.request;
+            self.pending = None;
+            if outcome != Outcome::Accepted {
+                self.events.push(Event::Failed { request, outcome });
+            }
+            self.command_over(now, request, outcome);
+        }
+    }
+
+    fn take_position(&mut self, now: Instant, message: &LOCAL_POSITION_NED_DATA) {
+        let news = self.telemetry.take_position(now, message, &self.map);
+        if let News::Jump(distance_m, after) = news {
+            let speed = self
+                .settings
+                .limits
+                .speed_mps
+                .to_f64()
+                .min(self.settings.transit_speed_mps.to_f64());
+            let plausible = self.settings.watch.jump_m.to_f64() + 2.0 * speed * after.as_secs_f64();
+            if distance_m > plausible && self.phase.is_flying() {
+                self.fail(now, Cause::PositionJumped);
+            }
+        }
+        if matches!(news, News::Fresh | News::Jump(..)) {
+            self.judge_leg(now);
+        }
+    }
+
+    /// The vehicle repeats a setpoint it has taken. Setpoints are compared as they were sent.
+    fn take_echo(&mut self, boot_ms: u32, same: impl Fn(Position<T>) -> bool) {
+        let sent = self.stream.as_ref().map(|stream| stream.last.position);
+        if let Some((sent, leg)) = sent.zip(self.leg.as_mut())
+            && leg.final_sent
+            && leg.confirmed.is_none()
+            && same(sent)
+        {
+            leg.confirmed = Some(boot_ms);
+        }
+    }
+}

@@ -1,0 +1,415 @@
+//! The MAVLink client: flies the way-points of the controller with a real autopilot.
+//!
+//! A state machine without I/O. The caller passes what came ([`Autopilot::receive`]) and the
+//! time, asks for what is to be sent ([`Autopilot::poll`], until `None`), and sends it:
+//!
+//! ```text
+//!            bytes                 messages              poll: messages          bytes
+//!   link ───────────> wire::Decoder ───────> Autopilot ────────────> wire::Encoder ─────> link
+//!                                              │   ▲
+//!                       phase, position, ended │   │ launch, fly_leg, land, stop
+//!                                              ▼   │
+//!                                           slot cycle
+//! ```
+//!
+//! # Terms
+//!
+//! * **phase**: where in a flight we are ([`Phase`]), from the first heartbeat to the landing.
+//! * **leg**: the flight of one slot, to a way-point that is due at the slot's end.
+//! * **reference**: where the vehicle should be *now*; streamed as setpoints ([`guidance`]).
+//! * **sample**: a measured position ([`Sample`]). A leg has ended when a sample came that was
+//!   taken after the setpoint of the leg's end had arrived, or when none came for too long.
+//! * **control**: we have it while the autopilot is in the mode that follows setpoints and we
+//!   set that mode ourselves. Lost control is never taken back.
+//!
+//! # Rooms
+//!
+//! [`wire`] bytes and messages · [`frames`] map and north-east-down · [`profile`] differences
+//! between autopilots · [`guidance`] trajectories · `command` acknowledged commands ·
+//! `telemetry` what the vehicle last said · `sequence` the phases · [`failsafe`] what can go
+//! wrong · `checks` what is looked at before a flight.
+
+mod checks;
+mod command;
+mod event;
+pub mod failsafe;
+pub mod frames;
+pub mod guidance;
+mod intake;
+pub mod profile;
+mod sequence;
+mod settings;
+mod telemetry;
+mod transmit;
+pub mod wire;
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+pub use checks::Finding;
+pub use command::{Outcome, Patience, Request};
+pub use event::Event;
+pub use settings::{Coordinates, Geofence, Settings, SettingsError};
+pub use telemetry::Sample;
+
+use crate::scalar::{Position, Scalar};
+use crate::time::Instant;
+use command::Pending;
+use event::Events;
+use failsafe::Cause;
+use frames::MapFrame;
+use guidance::{Guide, Motion};
+use profile::{Firmware, Mode};
+use telemetry::Telemetry;
+use wire::Address;
+
+/// Where in a flight the client is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Phase {
+    /// No autopilot has been heard yet.
+    Connecting,
+    /// Waits for a position estimate and the autopilot's own pre-arm checks.
+    Checking,
+    /// All checks passed; waits for [`Autopilot::launch`].
+    Standby,
+    /// Asks for the mode that follows setpoints.
+    TakingControl,
+    /// Asks for motors.
+    Arming,
+    /// Rises to the mission's altitude.
+    TakingOff,
+    /// Flies to the mission's start.
+    Transit,
+    /// Holds at the start; legs may come.
+    Ready,
+    /// Flies a leg.
+    Leg,
+    /// A leg has ended; the next may come.
+    LegEnded,
+    /// Lands.
+    Landing,
+    /// Stops the motors after a start that was broken off on the ground.
+    Disarming,
+    /// On the ground, motors off: the end of a flight.
+    Landed,
+    /// Somebody else flies. Nothing is sent any more that moves the vehicle.
+    Released,
+    /// Nothing more can be done.
+    Failed,
+}
+
+impl Phase {
+    /// The vehicle is in the air and follows our setpoints.
+    pub fn is_flying(self) -> bool {
+        matches!(
+            self,
+            Self::Transit | Self::Ready | Self::Leg | Self::LegEnded
+        )
+    }
+
+    /// Nothing will change any more.
+    pub fn is_final(self) -> bool {
+        matches!(self, Self::Landed | Self::Released | Self::Failed)
+    }
+}
+
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Connecting => "connecting",
+            Self::Checking => "checking",
+            Self::Standby => "standing by",
+            Self::TakingControl => "taking control",
+            Self::Arming => "arming",
+            Self::TakingOff => "taking off",
+            Self::Transit => "flying to the start",
+            Self::Ready => "ready",
+            Self::Leg => "flying a leg",
+            Self::LegEnded => "leg ended",
+            Self::Landing => "landing",
+            Self::Disarming => "disarming",
+            Self::Landed => "landed",
+            Self::Released => "control released",
+            Self::Failed => "failed",
+        })
+    }
+}
+
+/// What the checks wait for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Obstacle {
+    /// No position sample yet.
+    NoPosition,
+    /// The estimator has no absolute position yet.
+    NoEstimate,
+    /// The autopilot's pre-arm checks do not pass; its texts say why.
+    PreArm,
+    /// The vehicle is already armed, by somebody else.
+    AlreadyArmed,
+}
+
+impl fmt::Display for Obstacle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NoPosition => "no position yet",
+            Self::NoEstimate => "the estimator has no absolute position yet",
+            Self::PreArm => "the autopilot's pre-arm checks do not pass",
+            Self::AlreadyArmed => "the vehicle is already armed",
+        })
+    }
+}
+
+/// One slot's flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg<T: Scalar> {
+    /// Where to be at the end, m.
+    pub waypoint: Position<T>,
+    /// The slot's end.
+    pub end: Instant,
+}
+
+/// How a leg ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LegEnd<T: Scalar> {
+    /// The position measured at its end.
+    pub sample: Sample<T>,
+    /// From there to the way-point, m.
+    pub missed_m: T,
+    /// No sample came in time after the end: this one is older.
+    pub late: bool,
+}
+
+/// Why a leg is not flown.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum LegError {
+    /// The vehicle is not ready for legs.
+    #[error("no leg can start while {0}")]
+    Phase(Phase),
+    /// The way-point has a coordinate that is not finite.
+    #[error("the way-point is not finite")]
+    NotFinite,
+    /// The way-point is outside the geofence.
+    #[error("the way-point ({x}, {y}) m lies outside the geofence")]
+    OutsideFence {
+        /// East, m.
+        x: f64,
+        /// North, m.
+        y: f64,
+    },
+    /// The leg's end is not after its start.
+    #[error("the leg's end has passed")]
+    TooLate,
+}
+
+/// The leg under way.
+#[derive(Clone, Copy, Debug)]
+struct ActiveLeg<T: Scalar> {
+    waypoint: Position<T>,
+    end: Instant,
+    from: Position<T>,
+    /// The setpoint of the leg's end has been sent.
+    final_sent: bool,
+    /// It was echoed; in the autopilot's time.
+    confirmed: Option<u32>,
+    ended: Option<LegEnd<T>>,
+}
+
+/// Setpoint timing and the last one sent.
+#[derive(Clone, Copy, Debug)]
+struct Stream<T: Scalar> {
+    guide: Guide<T>,
+    due: Instant,
+    last: Motion<T>,
+    /// Where a climb by setpoints began: time and altitude.
+    climb: Option<(Instant, T)>,
+}
+
+/// The client. About 5 kB; see the module's documentation.
+#[derive(Clone, Debug)]
+pub struct Autopilot<T: Scalar> {
+    settings: Settings<T>,
+    map: MapFrame<T>,
+    phase: Phase,
+    phase_since: Instant,
+    vehicle: Option<(Address, Firmware)>,
+    telemetry: Telemetry<T>,
+    heartbeat_due: Instant,
+    pending: Option<Pending>,
+    /// Next step within [`Phase::Checking`]: telemetry that is still to be asked for.
+    subscribed: u8,
+    obstacle: Option<Obstacle>,
+    launch: bool,
+    /// The present phase's command: since when, and whether it was accepted.
+    asked: Option<(Instant, bool)>,
+    /// The vehicle has been in the air.
+    flown: bool,
+    /// The mode we set and that a heartbeat has shown.
+    holds: Option<Mode>,
+    /// Modes that are ours while landing.
+    landing_by: Option<Request>,
+    stream: Option<Stream<T>>,
+    leg: Option<ActiveLeg<T>>,
+    ignored_legs: u8,
+    ground_heard: Option<Instant>,
+    fault: Option<Cause>,
+    silent: bool,
+    events: Events,
+}
+
+impl<T: Scalar> Autopilot<T> {
+    /// A client that has heard nothing yet.
+    pub fn new(settings: Settings<T>) -> Result<Self, SettingsError> {
+        settings.check()?;
+        Ok(Self {
+            map: MapFrame::new(settings.map_origin),
+            settings,
+            phase: Phase::Connecting,
+            phase_since: Instant::ZERO,
+            vehicle: None,
+            telemetry: Telemetry::new(),
+            heartbeat_due: Instant::ZERO,
+            pending: None,
+            subscribed: 0,
+            obstacle: None,
+            launch: false,
+            asked: None,
+            flown: false,
+            holds: None,
+            landing_by: None,
+            stream: None,
+            leg: None,
+            ignored_legs: 0,
+            ground_heard: None,
+            fault: None,
+            silent: false,
+            events: Events::default(),
+        })
+    }
+
+    /// What it was told.
+    pub fn settings(&self) -> &Settings<T> {
+        &self.settings
+    }
+
+    /// Where in the flight we are.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// What went wrong, if anything did: the first cause.
+    pub fn fault(&self) -> Option<Cause> {
+        self.fault
+    }
+
+    /// What the checks wait for.
+    pub fn obstacle(&self) -> Option<Obstacle> {
+        self.obstacle
+    }
+
+    /// The autopilot that is flown: its address and software.
+    pub fn vehicle(&self) -> Option<(Address, Firmware)> {
+        self.vehicle
+    }
+
+    /// The latest measured position.
+    pub fn position(&self) -> Option<Sample<T>> {
+        self.telemetry.sample
+    }
+
+    /// The battery, percent, where the autopilot estimates it.
+    pub fn battery_percent(&self) -> Option<i8> {
+        self.telemetry.battery_percent
+    }
+
+    /// Whether the motors may turn.
+    pub fn is_armed(&self) -> bool {
+        self.telemetry.armed
+    }
+
+    /// The next thing that happened, oldest first.
+    pub fn take_next_event(&mut self) -> Option<Event> {
+        self.events.take()
+    }
+
+    /// Events that nobody took in time.
+    pub fn lost_events(&self) -> u32 {
+        self.events.lost()
+    }
+
+    /// Start the flight as soon as all checks pass: control, motors, climb, to the start.
+    pub fn launch(&mut self, now: Instant) {
+        self.launch = true;
+        self.advance(now);
+    }
+
+    /// Flies to `leg.waypoint`, to be there at `leg.end`.
+    pub fn fly_leg(&mut self, now: Instant, leg: Leg<T>) -> Result<(), LegError> {
+        self.advance(now);
+        if !matches!(self.phase, Phase::Ready | Phase::LegEnded) {
+            return Err(LegError::Phase(self.phase));
+        }
+        let Some((sample, stream)) = self.telemetry.sample.zip(self.stream.as_mut()) else {
+            return Err(LegError::Phase(self.phase));
+        };
+        if !(leg.waypoint.x.finite() && leg.waypoint.y.finite()) {
+            return Err(LegError::NotFinite);
+        }
+        let (x, y) = (leg.waypoint.x.to_f64(), leg.waypoint.y.to_f64());
+        if let Some(fence) = &self.settings.geofence
+            && !fence.contains(&leg.waypoint, T::zero())
+        {
+            return Err(LegError::OutsideFence { x, y });
+        }
+        if leg.end <= now {
+            return Err(LegError::TooLate);
+        }
+        let measured = Motion {
+            velocity: sample.velocity,
+            ..Motion::at_rest(sample.position)
+        };
+        let tolerance = self.settings.lag_tolerance_m;
+        stream
+            .guide
+            .fly_leg(now, leg.end, leg.waypoint, measured, tolerance);
+        stream.due = now;
+        self.leg = Some(ActiveLeg {
+            waypoint: leg.waypoint,
+            end: leg.end,
+            from: sample.position,
+            final_sent: false,
+            confirmed: None,
+            ended: None,
+        });
+        self.enter(now, Phase::Leg);
+        Ok(())
+    }
+
+    /// How the last leg ended, once it has.
+    pub fn leg_ended(&mut self, now: Instant) -> Option<LegEnd<T>> {
+        self.advance(now);
+        self.leg.as_ref().and_then(|leg| leg.ended)
+    }
+
+    /// Lands where the vehicle is; the end of a mission.
+    pub fn land(&mut self, now: Instant) {
+        self.end_flight(now, Request::Land);
+    }
+
+    /// Returns to the place of take-off and lands there; the end of a mission.
+    pub fn return_and_land(&mut self, now: Instant) {
+        self.end_flight(now, Request::Return);
+    }
+
+    /// A person asked us to stop: lands from flight, stops the motors on the ground, does
+    /// nothing if the flight has not begun or somebody else flies.
+    pub fn stop(&mut self, now: Instant) {
+        self.fail(now, Cause::StopAsked);
+    }
+
+    /// The ground was heard (see [`failsafe::Watch::ground`]).
+    pub fn note_ground_link(&mut self, now: Instant) {
+        self.ground_heard = Some(now);
+    }
+}

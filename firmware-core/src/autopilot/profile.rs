@@ -1,0 +1,173 @@
+//! What differs between autopilots: modes, take-off, what confirms a setpoint.
+//!
+//! The firmware is learned from the autopilot's own heartbeat, never configured.
+
+use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType};
+
+use crate::time::Duration;
+
+/// The autopilot's software.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Firmware {
+    /// The built-in vehicle: takes ArduCopter's mode numbers and confirms each setpoint.
+    Generic,
+    /// ArduPilot, flying a multirotor.
+    ArduCopter,
+    /// PX4.
+    Px4,
+}
+
+/// A flight mode: the number in HEARTBEAT.custom_mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mode(pub u32);
+
+const fn px4_mode(main: u32, sub: u32) -> Mode {
+    Mode(main << 16 | sub << 24)
+}
+
+impl Firmware {
+    /// Which one sent this heartbeat; `None` if it is no autopilot of a vehicle that hovers.
+    pub fn of(heartbeat: &HEARTBEAT_DATA) -> Option<Self> {
+        let hovers = matches!(
+            heartbeat.mavtype,
+            MavType::MAV_TYPE_GENERIC
+                | MavType::MAV_TYPE_QUADROTOR
+                | MavType::MAV_TYPE_COAXIAL
+                | MavType::MAV_TYPE_HELICOPTER
+                | MavType::MAV_TYPE_HEXAROTOR
+                | MavType::MAV_TYPE_OCTOROTOR
+                | MavType::MAV_TYPE_TRICOPTER
+                | MavType::MAV_TYPE_DODECAROTOR
+                | MavType::MAV_TYPE_DECAROTOR
+                | MavType::MAV_TYPE_GENERIC_MULTIROTOR
+        );
+        match heartbeat.autopilot {
+            _ if !hovers => None,
+            MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Some(Self::ArduCopter),
+            MavAutopilot::MAV_AUTOPILOT_PX4 => Some(Self::Px4),
+            MavAutopilot::MAV_AUTOPILOT_GENERIC => Some(Self::Generic),
+            _ => None,
+        }
+    }
+
+    /// The mode in which it follows our setpoints: GUIDED or OFFBOARD.
+    pub const fn control_mode(self) -> Mode {
+        match self {
+            Self::Generic | Self::ArduCopter => Mode(4),
+            Self::Px4 => px4_mode(6, 0),
+        }
+    }
+
+    /// The mode that NAV_LAND leads to.
+    pub const fn land_mode(self) -> Mode {
+        match self {
+            Self::Generic | Self::ArduCopter => Mode(9),
+            Self::Px4 => px4_mode(4, 6),
+        }
+    }
+
+    /// The mode that NAV_RETURN_TO_LAUNCH leads to.
+    pub const fn return_mode(self) -> Mode {
+        match self {
+            Self::Generic | Self::ArduCopter => Mode(6),
+            Self::Px4 => px4_mode(4, 5),
+        }
+    }
+
+    /// The mode that flies an uploaded mission.
+    pub const fn mission_mode(self) -> Mode {
+        match self {
+            Self::Generic | Self::ArduCopter => Mode(3),
+            Self::Px4 => px4_mode(4, 4),
+        }
+    }
+
+    /// Parameters 2 and 3 of DO_SET_MODE.
+    pub const fn mode_parameters(self, mode: Mode) -> (f32, f32) {
+        match self {
+            Self::Generic | Self::ArduCopter => (mode.0 as f32, 0.0),
+            Self::Px4 => (((mode.0 >> 16) & 0xFF) as f32, (mode.0 >> 24) as f32),
+        }
+    }
+
+    /// A mode's name, for people.
+    pub const fn mode_name(self, mode: Mode) -> &'static str {
+        match self {
+            Self::Generic | Self::ArduCopter => match mode.0 {
+                0 => "STABILIZE",
+                1 => "ACRO",
+                2 => "ALT_HOLD",
+                3 => "AUTO",
+                4 => "GUIDED",
+                5 => "LOITER",
+                6 => "RTL",
+                7 => "CIRCLE",
+                9 => "LAND",
+                11 => "DRIFT",
+                13 => "SPORT",
+                16 => "POSHOLD",
+                17 => "BRAKE",
+                20 => "GUIDED_NOGPS",
+                21 => "SMART_RTL",
+                _ => "another mode",
+            },
+            Self::Px4 => match ((mode.0 >> 16) & 0xFF, mode.0 >> 24) {
+                (1, _) => "MANUAL",
+                (2, _) => "ALTCTL",
+                (3, _) => "POSCTL",
+                (4, 2) => "AUTO.TAKEOFF",
+                (4, 3) => "AUTO.LOITER",
+                (4, 4) => "AUTO.MISSION",
+                (4, 5) => "AUTO.RTL",
+                (4, 6) => "AUTO.LAND",
+                (5, _) => "ACRO",
+                (6, _) => "OFFBOARD",
+                (7, _) => "STABILIZED",
+                _ => "another mode",
+            },
+        }
+    }
+
+    /// How long a setpoint stream must flow before the control mode is asked for. Where it is
+    /// not zero, take-off too is flown with setpoints.
+    pub const fn stream_before_control(self) -> Duration {
+        match self {
+            Self::Generic | Self::ArduCopter => Duration::ZERO,
+            // Above 2 Hz for a moment; one second is what its examples use.
+            Self::Px4 => Duration::from_secs(1),
+        }
+    }
+
+    /// Take-off by NAV_TAKEOFF; otherwise by setpoints that rise.
+    pub const fn takes_off_by_command(self) -> bool {
+        !matches!(self, Self::Px4)
+    }
+
+    /// Whether each setpoint is echoed at once, so that a position sample after the echo was
+    /// taken after the setpoint. (ArduCopter echoes at its telemetry rate; PX4 echoes the
+    /// output of its own smoothing.)
+    pub const fn confirms_setpoints(self) -> bool {
+        matches!(self, Self::Generic)
+    }
+
+    /// What people call it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Generic => "the built-in vehicle",
+            Self::ArduCopter => "ArduCopter",
+            Self::Px4 => "PX4",
+        }
+    }
+}
+
+/// The mode of a heartbeat.
+pub fn mode_of(heartbeat: &HEARTBEAT_DATA) -> Mode {
+    Mode(heartbeat.custom_mode)
+}
+
+/// Whether the heartbeat says that motors may turn.
+pub fn is_armed(heartbeat: &HEARTBEAT_DATA) -> bool {
+    heartbeat
+        .base_mode
+        .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
+}

@@ -1,0 +1,483 @@
+//! The phases of a flight: what each waits for, what it asks, and what follows.
+//!
+//! ```text
+//! Connecting ─ Checking ─ Standby ─ TakingControl ─ Arming ─ TakingOff ─ Transit ─ Ready ─┐
+//!                                         │            │         │                 Leg ⇄ LegEnded
+//!                                       Failed     Disarming  Landing <───────────────────┘
+//!      from any phase in control: Released              └─ Landed or Failed
+//! ```
+
+use super::command::{Outcome, Pending, Request};
+use super::event::Event;
+use super::failsafe::{Cause, Reaction};
+use super::guidance::Guide;
+use super::profile::{Firmware, Mode};
+use super::telemetry::Sample;
+use super::{Autopilot, LegEnd, Obstacle, Phase, Stream};
+use crate::scalar::Scalar;
+use crate::time::{Duration, Instant};
+
+/// An accepted command whose effect does not show for this long is given again.
+const EFFECT_PATIENCE: Duration = Duration::from_secs(5);
+/// On the ground with motors turning for this long: we stop them ourselves.
+const GROUND_PATIENCE: Duration = Duration::from_secs(5);
+/// Above this height over the start the vehicle counts as in the air, m.
+const AIRBORNE_M: f64 = 1.0;
+
+const LOCAL_POSITION_NED: u32 = 32;
+const SYS_STATUS: u32 = 1;
+const GPS_GLOBAL_ORIGIN: u32 = 49;
+const ESTIMATOR_STATUS: u32 = 230;
+const EKF_STATUS_REPORT: u32 = 193;
+const EXTENDED_SYS_STATE: u32 = 245;
+
+impl<T: Scalar> Autopilot<T> {
+    /// Telemetry that is asked for, one command after the other.
+    fn subscription(&self, step: u8, firmware: Firmware) -> Option<Request> {
+        let every = |message, interval| Some(Request::MessageInterval { message, interval });
+        let half_second = Duration::from_millis(500);
+        match step {
+            0 => every(LOCAL_POSITION_NED, self.settings.telemetry_interval),
+            1 if firmware == Firmware::ArduCopter => every(EKF_STATUS_REPORT, half_second),
+            1 => every(ESTIMATOR_STATUS, half_second),
+            2 => every(SYS_STATUS, half_second),
+            3 => every(EXTENDED_SYS_STATE, half_second),
+            4 => Some(Request::Message {
+                message: GPS_GLOBAL_ORIGIN,
+            }),
+            _ => None,
+        }
+    }
+
+    pub(super) fn enter(&mut self, now: Instant, phase: Phase) {
+        self.phase = phase;
+        self.phase_since = now;
+        self.asked = None;
+        if matches!(phase, Phase::Released | Phase::Failed | Phase::Landed) {
+            self.pending = None;
+            self.stream = None;
+            self.launch = false;
+        }
+        // A leg a second would drown the rest.
+        if !matches!(phase, Phase::Leg | Phase::LegEnded) {
+            self.events.push(Event::Phase(phase));
+        }
+    }
+
+    /// Asks once, and again if the effect stays away.
+    fn ask(&mut self, now: Instant, request: Request) {
+        let overdue = self
+            .asked
+            .is_some_and(|(since, accepted)| accepted && now - since > EFFECT_PATIENCE);
+        if self.pending.is_none() && (self.asked.is_none() || overdue) {
+            self.pending = Some(Pending::new(now, request));
+            self.asked = Some((now, false));
+        }
+    }
+
+    /// Does what the time and the vehicle's state call for. Called before everything else.
+    pub(super) fn advance(&mut self, now: Instant) {
+        let Some((_, firmware)) = self.vehicle else {
+            return;
+        };
+        if let Some(cause) = self.watch(now) {
+            self.fail(now, cause);
+        }
+        if self.silent {
+            return;
+        }
+        match self.phase {
+            Phase::Checking | Phase::Standby => self.check(now, firmware),
+            Phase::TakingControl => {
+                if firmware.stream_before_control() > Duration::ZERO && self.stream.is_none() {
+                    self.hold_here(now, true);
+                }
+                if now - self.phase_since >= firmware.stream_before_control() {
+                    self.ask(now, Request::SetMode(firmware.control_mode()));
+                }
+            }
+            Phase::Arming => {
+                if self.telemetry.armed {
+                    self.pending = None;
+                    self.enter(now, Phase::TakingOff);
+                } else {
+                    self.ask(now, Request::Arm);
+                }
+            }
+            Phase::TakingOff => self.take_off(now, firmware),
+            Phase::Transit => {
+                let start = self.settings.start;
+                let there = self.stream.as_ref().is_some_and(|s| now >= s.guide.end())
+                    && self.telemetry.sample.is_some_and(|sample| {
+                        (sample.position - start).norm() <= self.settings.arrival_radius_m
+                    });
+                if there {
+                    self.enter(now, Phase::Ready);
+                }
+            }
+            Phase::Leg => {
+                if let Some((leg, sample)) = self.leg.zip(self.telemetry.sample)
+                    && leg.final_sent
+                    && now >= leg.end + self.settings.sample_patience
+                {
+                    self.events.push(Event::SampleLate);
+                    self.finish_leg(now, sample, true);
+                }
+            }
+            Phase::Landing => {
+                let request = self.landing_by.unwrap_or(Request::Land);
+                if !self.telemetry.armed {
+                    self.enter(now, Phase::Landed);
+                } else if self.holds == Some(firmware.control_mode()) {
+                    self.ask(now, request);
+                } else if self.telemetry.on_ground == Some(true)
+                    && now - self.phase_since > GROUND_PATIENCE
+                {
+                    self.enter(now, Phase::Disarming);
+                }
+            }
+            Phase::Disarming => {
+                if self.telemetry.armed || self.asked.is_none() {
+                    self.ask(now, Request::Disarm);
+                } else if self.pending.is_none() {
+                    let broken_off = self.fault.is_some() && !self.flown;
+                    self.enter(
+                        now,
+                        if broken_off {
+                            Phase::Failed
+                        } else {
+                            Phase::Landed
+                        },
+                    );
+                }
+            }
+            Phase::Connecting
+            | Phase::Ready
+            | Phase::LegEnded
+            | Phase::Landed
+            | Phase::Released
+            | Phase::Failed => {}
+        }
+    }
+
+    fn check(&mut self, now: Instant, firmware: Firmware) {
+        if self.pending.is_none()
+            && let Some(request) = self.subscription(self.subscribed, firmware)
+        {
+            self.pending = Some(Pending::new(now, request));
+            self.subscribed += 1;
+            return;
+        }
+        if self.pending.is_some() {
+            return;
+        }
+        let obstacle = self.look_for_obstacle(now);
+        if self.obstacle != obstacle {
+            self.obstacle = obstacle;
+            if let Some(obstacle) = obstacle {
+                self.events.push(Event::Waiting(obstacle));
+            }
+        }
+        match (self.phase, obstacle) {
+            (Phase::Checking, None) => self.enter(now, Phase::Standby),
+            (Phase::Standby, Some(_)) => self.enter(now, Phase::Checking),
+            (Phase::Standby, None) if self.launch => self.enter(now, Phase::TakingControl),
+            _ => {}
+        }
+    }
+
+    fn look_for_obstacle(&self, now: Instant) -> Option<Obstacle> {
+        let telemetry = &self.telemetry;
+        if telemetry.armed {
+            Some(Obstacle::AlreadyArmed)
+        } else if telemetry.sample.is_none()
+            || now - telemetry.sample_came > self.settings.watch.position
+        {
+            Some(Obstacle::NoPosition)
+        } else if !telemetry.has_absolute_position() {
+            Some(Obstacle::NoEstimate)
+        } else if telemetry.prearm != Some(true) {
+            Some(Obstacle::PreArm)
+        } else {
+            None
+        }
+    }
+
+    /// Streams a setpoint that stays where the vehicle is.
+    fn hold_here(&mut self, now: Instant, on_ground: bool) {
+        let Some(sample) = self.telemetry.sample else {
+            return;
+        };
+        let place = sample.position;
+        let interval = self.settings.setpoint_interval;
+        self.stream = Some(Stream {
+            guide: Guide::new(now, place, self.settings.limits, interval / 2),
+            due: now,
+            last: super::Motion::at_rest(place),
+            // Until the climb begins, it has begun in the far future.
+            climb: on_ground.then_some((Instant::from_micros(u64::MAX), sample.altitude_m)),
+        });
+    }
+
+    fn take_off(&mut self, now: Instant, firmware: Firmware) {
+        let Some(sample) = self.telemetry.sample else {
+            return;
+        };
+        let target = self.settings.altitude_m;
+        if sample.altitude_m.to_f64() > AIRBORNE_M {
+            self.flown = true;
+        }
+        if sample.altitude_m >= target - self.settings.arrival_radius_m {
+            self.pending = None;
+            if self.stream.is_none() {
+                self.hold_here(now, false);
+            }
+            if let Some(stream) = &mut self.stream {
+                let speed = self.settings.transit_speed_mps;
+                stream.guide.transit(now, self.settings.start, speed);
+                stream.due = now;
+            }
+            self.enter(now, Phase::Transit);
+        } else if firmware.takes_off_by_command() {
+            let altitude_m = target.to_f64() as f32;
+            // A take-off that is under way is not asked for again: that would restart it.
+            if !self.flown {
+                self.ask(now, Request::TakeOff { altitude_m });
+            }
+        } else if self.asked.is_none() {
+            self.asked = Some((now, true));
+            if let Some(stream) = &mut self.stream {
+                stream.climb = Some((now, sample.altitude_m));
+            }
+        }
+    }
+
+    /// A command was accepted, refused or never answered.
+    pub(super) fn command_over(&mut self, now: Instant, request: Request, outcome: Outcome) {
+        if !request.moves() {
+            return; // telemetry that is missing shows in the checks
+        }
+        match outcome {
+            Outcome::Accepted => self.asked = Some((now, true)),
+            _ => self.fail(now, Cause::CommandFailed),
+        }
+    }
+
+    /// A heartbeat of our autopilot: who has control?
+    pub(super) fn heartbeat_judged(&mut self, now: Instant, firmware: Firmware, mode: Mode) {
+        let ours = firmware.control_mode();
+        let landing = [firmware.land_mode(), firmware.return_mode()];
+        if core::mem::take(&mut self.silent) && mode == ours && self.telemetry.armed {
+            self.start_landing(now, Request::Land);
+        }
+        match self.phase {
+            Phase::TakingControl => {
+                let accepted = self.asked.is_some_and(|(_, accepted)| accepted);
+                if accepted && mode == ours {
+                    self.holds = Some(ours);
+                    self.enter(now, Phase::Arming);
+                }
+            }
+            Phase::Arming
+            | Phase::TakingOff
+            | Phase::Transit
+            | Phase::Ready
+            | Phase::Leg
+            | Phase::LegEnded => {
+                if mode != ours {
+                    self.fail(now, Cause::ControlTaken(mode));
+                } else if !self.telemetry.armed && self.phase != Phase::Arming {
+                    self.fail(now, Cause::Disarmed);
+                }
+            }
+            Phase::Landing => {
+                let asked = self.asked.is_some();
+                if asked && landing.contains(&mode) {
+                    self.holds = Some(mode);
+                } else if self.holds != Some(mode) {
+                    self.fail(now, Cause::ControlTaken(mode));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Something of the failsafe table has happened.
+    fn watch(&self, now: Instant) -> Option<Cause> {
+        let (watch, telemetry) = (&self.settings.watch, &self.telemetry);
+        let in_phase = now - self.phase_since;
+        let flying = self.phase.is_flying();
+        let starting = matches!(
+            self.phase,
+            Phase::TakingControl | Phase::Arming | Phase::TakingOff | Phase::Transit
+        );
+        let armed_by_us = flying
+            || matches!(
+                self.phase,
+                Phase::Arming | Phase::TakingOff | Phase::Landing | Phase::Disarming
+            );
+        let heard = telemetry.heartbeat_came?;
+        if armed_by_us && !self.silent && now - heard > watch.heartbeat {
+            return Some(Cause::HeartbeatLost);
+        }
+        if self.silent {
+            return None;
+        }
+        if (flying || self.phase == Phase::TakingOff)
+            && now - telemetry.sample_came > watch.position
+        {
+            return Some(Cause::PositionLost);
+        }
+        let waited = matches!(self.phase, Phase::Checking) && self.launch;
+        if (starting || waited || self.phase == Phase::Ready) && in_phase > watch.stage {
+            return Some(Cause::StageTimedOut);
+        }
+        if !flying {
+            return None;
+        }
+        let outside =
+            self.settings
+                .geofence
+                .zip(telemetry.sample)
+                .is_some_and(|(fence, sample)| {
+                    !fence.contains(&sample.position, -watch.fence_margin_m)
+                        || sample.altitude_m > fence.ceiling_m + watch.fence_margin_m
+                });
+        let ground = watch
+            .ground
+            .is_some_and(|limit| now - self.ground_heard.unwrap_or(self.phase_since) > limit);
+        let battery = telemetry
+            .battery_low_since
+            .is_some_and(|since| now - since > watch.battery);
+        if outside {
+            Some(Cause::FenceBreached)
+        } else if battery {
+            Some(Cause::BatteryLow)
+        } else if ground {
+            Some(Cause::GroundSilent)
+        } else if self.phase == Phase::LegEnded && in_phase > watch.overrun {
+            Some(Cause::SlotOverrun)
+        } else {
+            None
+        }
+    }
+
+    /// Does what the failsafe table says.
+    pub(super) fn fail(&mut self, now: Instant, cause: Cause) {
+        if self.phase.is_final() {
+            return;
+        }
+        let reaction = cause.row().reaction;
+        let ending = matches!(self.phase, Phase::Landing | Phase::Disarming);
+        // While landing, only what changes how it ends still counts.
+        if ending && reaction == Reaction::Land && cause != Cause::CommandFailed {
+            return;
+        }
+        self.fault.get_or_insert(cause);
+        self.events.push(Event::Failsafe { cause, reaction });
+        self.launch = false;
+        match reaction {
+            Reaction::Release => self.enter(now, Phase::Released),
+            Reaction::Silence => self.silent = true,
+            Reaction::Land if ending => self.enter(now, Phase::Failed),
+            Reaction::Land if self.phase.is_flying() || self.flown => {
+                self.start_landing(now, Request::Land);
+            }
+            // On the ground, but the motors may turn or be about to.
+            Reaction::Land if matches!(self.phase, Phase::Arming | Phase::TakingOff) => {
+                self.pending = None;
+                self.enter(now, Phase::Disarming);
+            }
+            Reaction::Land => self.enter(now, Phase::Failed),
+        }
+    }
+
+    pub(super) fn end_flight(&mut self, now: Instant, by: Request) {
+        self.advance(now);
+        if self.phase.is_flying() {
+            self.start_landing(now, by);
+        }
+    }
+
+    fn start_landing(&mut self, now: Instant, by: Request) {
+        if let Some(stream) = &mut self.stream {
+            stream.guide.stop(now);
+        }
+        self.pending = None;
+        self.landing_by = Some(by);
+        self.enter(now, Phase::Landing);
+    }
+
+    /// Whether a setpoint may go out now.
+    pub(super) fn may_stream(&self) -> bool {
+        let Some((_, firmware)) = self.vehicle else {
+            return false;
+        };
+        let ours = Some(firmware.control_mode());
+        let in_control = self.holds == ours && self.telemetry.mode == ours;
+        match self.phase {
+            // The stream that must flow before control is given, and the climb it flies.
+            Phase::TakingControl => firmware.stream_before_control() > Duration::ZERO,
+            Phase::Arming | Phase::TakingOff => {
+                in_control && firmware.stream_before_control() > Duration::ZERO
+            }
+            Phase::Transit | Phase::Ready | Phase::Leg | Phase::LegEnded => in_control,
+            // Until the landing is accepted the reference comes to rest; not if we do not
+            // know where we are.
+            Phase::Landing => {
+                in_control
+                    && self.asked.is_some_and(|(_, accepted)| !accepted)
+                    && !matches!(
+                        self.fault,
+                        Some(Cause::PositionLost | Cause::PositionJumped)
+                    )
+            }
+            _ => false,
+        }
+    }
+
+    /// A new sample: does it end the leg?
+    pub(super) fn judge_leg(&mut self, now: Instant) {
+        let Some(((leg, sample), (_, firmware))) =
+            self.leg.zip(self.telemetry.sample).zip(self.vehicle)
+        else {
+            return;
+        };
+        if self.phase != Phase::Leg || !leg.final_sent {
+            return;
+        }
+        let after = if firmware.confirms_setpoints() {
+            // Not before the echo; the autopilot's clock may wrap.
+            leg.confirmed
+                .is_some_and(|echo| sample.boot_ms.wrapping_sub(echo) < u32::MAX / 2)
+        } else {
+            sample.taken >= leg.end
+        };
+        if after {
+            self.finish_leg(now, sample, false);
+        }
+    }
+
+    fn finish_leg(&mut self, now: Instant, sample: Sample<T>, late: bool) {
+        let Some(leg) = self.leg.as_mut() else {
+            return;
+        };
+        let length = (leg.waypoint - leg.from).norm();
+        let flown = (sample.position - leg.from).norm();
+        leg.ended = Some(LegEnd {
+            sample,
+            missed_m: (sample.position - leg.waypoint).norm(),
+            late,
+        });
+        let stuck = length > T::one() && flown < length * T::of(0.1);
+        self.ignored_legs = if stuck {
+            self.ignored_legs.saturating_add(1)
+        } else {
+            0
+        };
+        self.enter(now, Phase::LegEnded);
+        if self.ignored_legs >= self.settings.watch.ignored_legs {
+            self.fail(now, Cause::SetpointsIgnored);
+        }
+    }
+}

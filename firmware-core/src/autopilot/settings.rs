@@ -1,0 +1,200 @@
+//! What the client is told before it starts. A client that exists has valid settings.
+
+use nalgebra::Vector2;
+use thiserror::Error;
+
+use super::command::Patience;
+use super::failsafe::Watch;
+use super::frames::Geodetic;
+use super::guidance::Limits;
+use super::wire::Address;
+use crate::scalar::{Position, Scalar};
+use crate::time::Duration;
+
+/// The kind of coordinates in which setpoints are sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Coordinates {
+    /// SET_POSITION_TARGET_LOCAL_NED: metres, exact to f32.
+    #[default]
+    Local,
+    /// SET_POSITION_TARGET_GLOBAL_INT: 1e-7 degrees, some 1 cm; does not depend on where the
+    /// autopilot's estimator started.
+    Global,
+}
+
+/// Where the vehicle may be sent: a rectangle on the map and a ceiling.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geofence<T: Scalar> {
+    /// South-west corner, m.
+    pub low: Position<T>,
+    /// North-east corner, m.
+    pub high: Position<T>,
+    /// Ceiling above the place of take-off, m.
+    pub ceiling_m: T,
+}
+
+impl<T: Scalar> Geofence<T> {
+    /// Whether a place lies inside, with `margin_m` to spare (outside by less than that if
+    /// negative).
+    pub fn contains(&self, place: &Position<T>, margin_m: T) -> bool {
+        place.x >= self.low.x + margin_m
+            && place.y >= self.low.y + margin_m
+            && place.x <= self.high.x - margin_m
+            && place.y <= self.high.y - margin_m
+    }
+
+    /// The nearest place inside.
+    pub fn clamp(&self, place: Position<T>) -> Position<T> {
+        Position::new(
+            place.x.max(self.low.x).min(self.high.x),
+            place.y.max(self.low.y).min(self.high.y),
+        )
+    }
+}
+
+/// All that is settled before a flight. [`Settings::new`] has the defaults.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings<T: Scalar> {
+    /// Who we are on the wire. Default 255/191: an onboard computer, under the system id whose
+    /// heartbeats ArduPilot's ground-control failsafe counts.
+    pub own: Address,
+    /// The vehicle's system id; `None` takes the first autopilot that is heard.
+    pub vehicle: Option<u8>,
+    /// Where the map's origin lies on Earth.
+    pub map_origin: Geodetic,
+    /// Where the mission starts, m.
+    pub start: Position<T>,
+    /// Flight altitude above the place of take-off (the paper's H), m.
+    pub altitude_m: T,
+    /// What the vehicle can do; infinite for the paper's kinematics.
+    pub limits: Limits<T>,
+    /// Speed of the flight to the start, m/s.
+    pub transit_speed_mps: T,
+    /// Rate of climb where take-off is flown with setpoints, m/s.
+    pub climb_speed_mps: T,
+    /// Where the vehicle may be sent; `None` for anywhere.
+    pub geofence: Option<Geofence<T>>,
+    /// Time between setpoints: 50 to 200 ms.
+    pub setpoint_interval: Duration,
+    /// Time between position samples that is asked for.
+    pub telemetry_interval: Duration,
+    /// The kind of coordinates of setpoints.
+    pub coordinates: Coordinates,
+    /// How near the start and the altitude count as reached, m.
+    pub arrival_radius_m: T,
+    /// A leg starts from the reference while the vehicle is this near to it, m.
+    pub lag_tolerance_m: T,
+    /// How long after a slot's end a position sample is waited for.
+    pub sample_patience: Duration,
+    /// Answers to commands.
+    pub patience: Patience,
+    /// What is watched in flight, and how long each thing may last.
+    pub watch: Watch<T>,
+}
+
+/// A setting that cannot be.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum SettingsError {
+    /// Not finite, or not above zero.
+    #[error("{name} is {value}; it must be a number above 0")]
+    NotPositive {
+        /// Which setting.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// Setpoints too fast or too slow for any autopilot.
+    #[error("setpoint_interval is {micros} us; it must be from 50 000 to 200 000 us (5 to 20 Hz)")]
+    SetpointInterval {
+        /// Its value, us.
+        micros: u64,
+    },
+    /// The start is not inside the fence.
+    #[error("the start ({x}, {y}) m lies outside the geofence")]
+    StartOutsideFence {
+        /// East, m.
+        x: f64,
+        /// North, m.
+        y: f64,
+    },
+    /// The flight altitude is above the fence's ceiling.
+    #[error("altitude_m is {altitude_m}; the geofence ends at {ceiling_m} m")]
+    AboveCeiling {
+        /// The altitude, m.
+        altitude_m: f64,
+        /// The ceiling, m.
+        ceiling_m: f64,
+    },
+    /// A limit that is not above zero.
+    #[error("limits must be above 0 (infinite is allowed)")]
+    Limits,
+}
+
+impl<T: Scalar> Settings<T> {
+    /// The defaults for a mission that starts there, at that altitude and with that speed.
+    pub fn new(map_origin: Geodetic, start: Position<T>, altitude_m: T, speed_mps: T) -> Self {
+        Self {
+            own: Address {
+                system: 255,
+                component: 191,
+            },
+            vehicle: None,
+            map_origin,
+            start,
+            altitude_m,
+            limits: Limits::ideal(),
+            transit_speed_mps: speed_mps,
+            climb_speed_mps: T::of(3.0),
+            geofence: None,
+            setpoint_interval: Duration::from_millis(100),
+            telemetry_interval: Duration::from_millis(50),
+            coordinates: Coordinates::Local,
+            arrival_radius_m: T::of(2.0),
+            lag_tolerance_m: T::of(2.0),
+            sample_patience: Duration::from_millis(250),
+            patience: Patience::default(),
+            watch: Watch::default(),
+        }
+    }
+
+    /// Refuses what cannot be flown.
+    pub(super) fn check(&self) -> Result<(), SettingsError> {
+        let positive = [
+            ("altitude_m", self.altitude_m),
+            ("transit_speed_mps", self.transit_speed_mps),
+            ("climb_speed_mps", self.climb_speed_mps),
+            ("arrival_radius_m", self.arrival_radius_m),
+            ("lag_tolerance_m", self.lag_tolerance_m),
+        ];
+        for (name, value) in positive {
+            if !(value.finite() && value > T::zero()) {
+                let value = value.to_f64();
+                return Err(SettingsError::NotPositive { name, value });
+            }
+        }
+        let micros = self.setpoint_interval.micros();
+        if !(50_000..=200_000).contains(&micros) {
+            return Err(SettingsError::SetpointInterval { micros });
+        }
+        if !self.limits.is_valid() {
+            return Err(SettingsError::Limits);
+        }
+        let (x, y) = (self.start.x.to_f64(), self.start.y.to_f64());
+        let finite = self.start.coords.map(|c| c.finite()) == Vector2::new(true, true);
+        let inside = self
+            .geofence
+            .is_none_or(|fence| fence.contains(&self.start, T::zero()));
+        if !(finite && inside) {
+            return Err(SettingsError::StartOutsideFence { x, y });
+        }
+        if let Some(fence) = self.geofence
+            && fence.ceiling_m < self.altitude_m
+        {
+            return Err(SettingsError::AboveCeiling {
+                altitude_m: self.altitude_m.to_f64(),
+                ceiling_m: fence.ceiling_m.to_f64(),
+            });
+        }
+        Ok(())
+    }
+}

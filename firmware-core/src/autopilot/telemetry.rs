@@ -1,0 +1,169 @@
+//! What the autopilot last said about the vehicle.
+
+use mavlink::dialects::common::{
+    ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, LOCAL_POSITION_NED_DATA, MavSysStatusSensor,
+    SYS_STATUS_DATA,
+};
+
+use super::frames::{MapFrame, vector_from_ned};
+use super::profile::Mode;
+use crate::scalar::{Displacement, Position, Scalar};
+use crate::time::{Duration, Instant};
+
+/// A measured position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample<T: Scalar> {
+    /// Place on the map, m.
+    pub position: Position<T>,
+    /// Height above the origin of the autopilot's local frame, m.
+    pub altitude_m: T,
+    /// Velocity over ground, m/s.
+    pub velocity: Displacement<T>,
+    /// Rate of climb, m/s.
+    pub climb_mps: T,
+    /// When it was taken, in our time: never later than it came, and earlier by what it took
+    /// longer on the way than the fastest sample.
+    pub taken: Instant,
+    /// When it was taken, in the autopilot's time.
+    pub boot_ms: u32,
+}
+
+/// The autopilot's clock in ours: the offset of the fastest message so far, which may only
+/// grow slowly, so that two clocks that drift apart by less than 50 ppm stay matched.
+#[derive(Clone, Copy, Debug, Default)]
+struct Clock {
+    offset_us: Option<i64>,
+}
+
+/// Growth per sample, us; at 20 samples a second 40 ppm.
+const OFFSET_GROWTH_US: i64 = 2;
+
+impl Clock {
+    fn taken(&mut self, now: Instant, boot_ms: u32) -> Instant {
+        let boot_us = i64::from(boot_ms) * 1_000;
+        let offset = i64::try_from(now.micros()).unwrap_or(i64::MAX) - boot_us;
+        let least = self
+            .offset_us
+            .map_or(offset, |known| offset.min(known + OFFSET_GROWTH_US));
+        self.offset_us = Some(least);
+        Instant::from_micros(u64::try_from(boot_us + least).unwrap_or(0))
+    }
+}
+
+/// What a position message did to the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum News {
+    /// A new sample.
+    Fresh,
+    /// Older than what is known (duplicated or reordered on the way): dropped.
+    Stale,
+    /// A number in it is not finite: dropped.
+    Broken,
+    /// A new sample, far from the last one: so many metres apart after so long.
+    Jump(f64, Duration),
+}
+
+/// The latest of everything.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Telemetry<T: Scalar> {
+    clock: Clock,
+    pub(super) sample: Option<Sample<T>>,
+    pub(super) sample_came: Instant,
+    pub(super) heartbeat_came: Option<Instant>,
+    pub(super) mode: Option<Mode>,
+    pub(super) armed: bool,
+    pub(super) estimator: Option<EstimatorStatusFlags>,
+    /// `None` while no SYS_STATUS came; true where the bit is set or does not exist.
+    pub(super) prearm: Option<bool>,
+    pub(super) battery_percent: Option<i8>,
+    /// Since when the battery has been below the threshold of the watch.
+    pub(super) battery_low_since: Option<Instant>,
+    pub(super) on_ground: Option<bool>,
+}
+
+/// An older sample than this before the latest means that the autopilot started anew.
+const REBOOT_MS: u32 = 10_000;
+
+impl<T: Scalar> Telemetry<T> {
+    pub(super) fn new() -> Self {
+        Self {
+            clock: Clock::default(),
+            sample: None,
+            sample_came: Instant::ZERO,
+            heartbeat_came: None,
+            mode: None,
+            armed: false,
+            estimator: None,
+            prearm: None,
+            battery_percent: None,
+            battery_low_since: None,
+            on_ground: None,
+        }
+    }
+
+    pub(super) fn take_position(
+        &mut self,
+        now: Instant,
+        message: &LOCAL_POSITION_NED_DATA,
+        map: &MapFrame<T>,
+    ) -> News {
+        let m = message;
+        if ![m.x, m.y, m.z, m.vx, m.vy, m.vz]
+            .iter()
+            .all(|v| v.is_finite())
+        {
+            return News::Broken;
+        }
+        if let Some(known) = &self.sample {
+            let ahead = m.time_boot_ms.wrapping_sub(known.boot_ms);
+            let behind = known.boot_ms.wrapping_sub(m.time_boot_ms);
+            if behind > 0 && behind < ahead {
+                if behind < REBOOT_MS {
+                    return News::Stale;
+                }
+                self.clock = Clock::default();
+            }
+        }
+        let sample = Sample {
+            position: map.from_local(m.x, m.y),
+            altitude_m: T::of(-f64::from(m.z)),
+            velocity: vector_from_ned(m.vx, m.vy),
+            climb_mps: T::of(-f64::from(m.vz)),
+            taken: self.clock.taken(now, m.time_boot_ms),
+            boot_ms: m.time_boot_ms,
+        };
+        let last = self.sample.replace(sample);
+        self.sample_came = now;
+        last.map_or(News::Fresh, |last| {
+            let distance = (sample.position - last.position).norm().to_f64();
+            News::Jump(distance, sample.taken - last.taken)
+        })
+    }
+
+    pub(super) fn take_estimator(&mut self, message: &ESTIMATOR_STATUS_DATA) {
+        self.estimator = Some(message.flags);
+    }
+
+    pub(super) fn take_status(&mut self, now: Instant, message: &SYS_STATUS_DATA, low: i8) {
+        let bit = MavSysStatusSensor::MAV_SYS_STATUS_PREARM_CHECK;
+        let known = message.onboard_control_sensors_present.contains(bit);
+        let passed = message.onboard_control_sensors_health.contains(bit);
+        self.prearm = Some(!known || passed);
+        // -1: the autopilot does not estimate it.
+        self.battery_percent =
+            (message.battery_remaining >= 0).then_some(message.battery_remaining);
+        self.battery_low_since = match self.battery_percent {
+            Some(percent) if percent < low => self.battery_low_since.or(Some(now)),
+            _ => None,
+        };
+    }
+
+    /// The estimator stands behind an absolute horizontal position.
+    pub(super) fn has_absolute_position(&self) -> bool {
+        use EstimatorStatusFlags as F;
+        self.estimator.is_some_and(|flags| {
+            flags.contains(F::ESTIMATOR_POS_HORIZ_ABS)
+                && !flags.contains(F::ESTIMATOR_CONST_POS_MODE)
+        })
+    }
+}

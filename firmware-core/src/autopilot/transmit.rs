@@ -1,0 +1,208 @@
+//! What goes out, and when.
+
+use mavlink::dialects::common::{
+    HEARTBEAT_DATA, MavAutopilot, MavFrame, MavMessage, MavModeFlag, MavState, MavType,
+    PositionTargetTypemask, SET_POSITION_TARGET_GLOBAL_INT_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+
+use super::command::Turn;
+use super::event::Event;
+use super::frames::vector_to_ned;
+use super::guidance::Motion;
+use super::settings::Coordinates;
+use super::{Autopilot, Phase};
+use crate::scalar::Scalar;
+use crate::time::{Duration, Instant};
+
+const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
+/// The longest time between two looks at the clock that all time-outs here tolerate.
+const LONGEST_NAP: Duration = Duration::from_millis(50);
+
+impl<T: Scalar> Autopilot<T> {
+    /// The next message to send. Call until `None` whenever something was received, and at
+    /// the latest at [`Autopilot::poll_at`].
+    pub fn poll(&mut self, now: Instant) -> Option<MavMessage> {
+        self.advance(now);
+        if self.silent || self.phase == Phase::Failed {
+            return None;
+        }
+        // The setpoint of a slot's end comes first: its time is what a slot is measured by.
+        if let Some(setpoint) = self.setpoint(now) {
+            return Some(setpoint);
+        }
+        if now >= self.heartbeat_due {
+            self.heartbeat_due = now + HEARTBEAT_INTERVAL;
+            return Some(self.heartbeat());
+        }
+        self.command(now)
+    }
+
+    /// When [`Autopilot::poll`] next has something to do, if nothing is received before.
+    pub fn poll_at(&self, now: Instant) -> Instant {
+        let mut next = (now + LONGEST_NAP).min(self.heartbeat_due);
+        if let Some(pending) = &self.pending {
+            next = next.min(pending.due());
+        }
+        if let Some(stream) = &self.stream {
+            next = next.min(stream.due);
+        }
+        if let Some(leg) = &self.leg
+            && !leg.final_sent
+        {
+            next = next.min(leg.end);
+        }
+        next.max(now)
+    }
+
+    fn heartbeat(&self) -> MavMessage {
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: 0,
+            mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+            base_mode: MavModeFlag::empty(),
+            system_status: MavState::MAV_STATE_ACTIVE,
+            mavlink_version: 3,
+        })
+    }
+
+    fn command(&mut self, now: Instant) -> Option<MavMessage> {
+        let (address, firmware) = self.vehicle?;
+        let patience = self.settings.patience;
+        let pending = self.pending.as_mut()?;
+        let request = pending.request;
+        match pending.turn(now, &patience) {
+            Turn::Wait => None,
+            Turn::Send(confirmation) => {
+                let message = pending.message(firmware, address);
+                if confirmation > 0 {
+                    self.events.push(Event::Repeated {
+                        request,
+                        attempts: confirmation,
+                        answer: pending.last_refusal(),
+                    });
+                }
+                pending.sent(now, &patience);
+                Some(MavMessage::COMMAND_LONG(message))
+            }
+            Turn::Over(outcome) => {
+                self.pending = None;
+                self.events.push(Event::Failed { request, outcome });
+                self.command_over(now, request, outcome);
+                None
+            }
+        }
+    }
+
+    /// The setpoint that is due, if one is and we may send it.
+    fn setpoint(&mut self, now: Instant) -> Option<MavMessage> {
+        if !self.may_stream() {
+            return None;
+        }
+        let (interval, target) = (self.settings.setpoint_interval, self.settings.altitude_m);
+        let climb_mps = self.settings.climb_speed_mps;
+        let stream = self.stream.as_mut()?;
+        let ends = self
+            .leg
+            .as_mut()
+            .filter(|leg| !leg.final_sent && now >= leg.end);
+        if now < stream.due && ends.is_none() {
+            return None;
+        }
+        let motion = match ends {
+            Some(leg) => {
+                leg.final_sent = true;
+                stream.guide.target()
+            }
+            None => stream.guide.at(now),
+        };
+        stream.due = now + interval;
+        let (altitude, climb) = match stream.climb {
+            Some((since, from)) => {
+                let risen = from + climb_mps * T::of((now - since).as_secs_f64());
+                if risen < target {
+                    (risen, climb_mps)
+                } else {
+                    (target, T::zero())
+                }
+            }
+            None => (target, T::zero()),
+        };
+        if !(motion.is_finite() && altitude.finite()) {
+            return None;
+        }
+        let motion = Motion {
+            position: self
+                .settings
+                .geofence
+                .map_or(motion.position, |fence| fence.clamp(motion.position)),
+            ..motion
+        };
+        stream.last = motion;
+        self.setpoint_message(now, &motion, altitude, climb)
+    }
+
+    // PX4 compares with the name that MAVLink has since deprecated.
+    #[allow(deprecated)]
+    fn setpoint_message(
+        &self,
+        now: Instant,
+        motion: &Motion<T>,
+        altitude: T,
+        climb: T,
+    ) -> Option<MavMessage> {
+        let (to, _) = self.vehicle?;
+        let (vx, vy) = vector_to_ned(motion.velocity);
+        let (afx, afy) = vector_to_ned(motion.acceleration);
+        // Position, velocity and acceleration count; heading is the autopilot's.
+        let type_mask = PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE
+            | PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE;
+        let altitude = altitude.to_f64() as f32;
+        let climb = climb.to_f64() as f32;
+        let time_boot_ms = now.millis_wrapping();
+        Some(match self.settings.coordinates {
+            Coordinates::Local => {
+                let (x, y) = self.map.to_local(motion.position);
+                MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
+                    time_boot_ms,
+                    x,
+                    y,
+                    z: -altitude,
+                    vx,
+                    vy,
+                    vz: -climb,
+                    afx,
+                    afy,
+                    afz: 0.0,
+                    yaw: 0.0,
+                    yaw_rate: 0.0,
+                    type_mask,
+                    target_system: to.system,
+                    target_component: to.component,
+                    coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+                })
+            }
+            Coordinates::Global => {
+                let place = self.map.to_geodetic(motion.position);
+                MavMessage::SET_POSITION_TARGET_GLOBAL_INT(SET_POSITION_TARGET_GLOBAL_INT_DATA {
+                    time_boot_ms,
+                    lat_int: place.latitude_e7,
+                    lon_int: place.longitude_e7,
+                    alt: altitude,
+                    vx,
+                    vy,
+                    vz: -climb,
+                    afx,
+                    afy,
+                    afz: 0.0,
+                    yaw: 0.0,
+                    yaw_rate: 0.0,
+                    type_mask,
+                    target_system: to.system,
+                    target_component: to.component,
+                    coordinate_frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+                })
+            }
+        })
+    }
+}

@@ -1,0 +1,223 @@
+//! The vehicle's body: how it moves towards what it is asked for.
+//!
+//! `ideal` is the paper's kinematics: a setpoint's place is reached when the setpoint arrives,
+//! so that any way-point within V_max delta is reached by the slot's end. All others are a
+//! point mass with a position loop around a velocity loop, whose speed, acceleration and jerk
+//! are limited.
+
+use firmware_core::Position;
+use nalgebra::Vector2;
+
+/// What the body can do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ability {
+    /// Largest horizontal speed, m/s.
+    pub speed_mps: f64,
+    /// Largest horizontal acceleration, m/s^2.
+    pub acceleration_mps2: f64,
+    /// Largest horizontal jerk, m/s^3.
+    pub jerk_mps3: f64,
+    /// Rate of climb, m/s.
+    pub climb_mps: f64,
+    /// Rate of descent when landing, m/s.
+    pub descent_mps: f64,
+}
+
+/// A setpoint in map coordinates, as it came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Target {
+    pub(super) position: Position<f64>,
+    pub(super) altitude_m: f64,
+    /// `None` where the setpoint said to ignore it: then the place is one to stop at.
+    pub(super) velocity: Option<Vector2<f64>>,
+    pub(super) acceleration: Vector2<f64>,
+    /// Seconds since it came.
+    pub(super) age_s: f64,
+}
+
+/// What the body is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Demand {
+    /// Stand on the ground.
+    Rest,
+    /// Stop and stay at this altitude.
+    Hold { altitude_m: f64 },
+    /// Follow a setpoint.
+    Track(Target),
+    /// Fly to a place at up to this speed and stop there.
+    Go {
+        position: Position<f64>,
+        altitude_m: f64,
+        speed_mps: f64,
+    },
+    /// Come down where it is, at this rate.
+    Descend { rate_mps: f64 },
+}
+
+/// Position loop, 1/s.
+const POSITION_GAIN: f64 = 1.5;
+/// Velocity loop, 1/s.
+const VELOCITY_GAIN: f64 = 4.0;
+/// Vertical position loop, 1/s.
+const CLIMB_GAIN: f64 = 1.5;
+/// Largest vertical acceleration, m/s^2.
+const VERTICAL_ACCELERATION: f64 = 4.0;
+/// Below this height a descent goes on slowly, m and m/s.
+const FLARE: (f64, f64) = (8.0, 1.0);
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Body {
+    pub(super) position: Position<f64>,
+    pub(super) velocity: Vector2<f64>,
+    pub(super) acceleration: Vector2<f64>,
+    pub(super) altitude_m: f64,
+    pub(super) climb_mps: f64,
+    ideal: bool,
+}
+
+fn clip(vector: Vector2<f64>, longest: f64) -> Vector2<f64> {
+    let norm = vector.norm();
+    if norm > longest {
+        vector * (longest / norm)
+    } else {
+        vector
+    }
+}
+
+impl Body {
+    pub(super) fn on_ground(position: Position<f64>, ideal: bool) -> Self {
+        Self {
+            position,
+            velocity: Vector2::zeros(),
+            acceleration: Vector2::zeros(),
+            altitude_m: 0.0,
+            climb_mps: 0.0,
+            ideal,
+        }
+    }
+
+    pub(super) fn is_on_ground(&self) -> bool {
+        self.altitude_m <= 0.0
+    }
+
+    /// An ideal body is where its setpoint says the moment the setpoint arrives.
+    pub(super) fn take(&mut self, target: &Target) {
+        if let (true, Some(velocity)) = (self.ideal, target.velocity) {
+            self.position = target.position;
+            self.velocity = velocity;
+            self.acceleration = target.acceleration;
+        }
+    }
+
+    /// Moves on by `dt_s` seconds.
+    pub(super) fn step(&mut self, dt_s: f64, demand: &Demand, ability: &Ability) {
+        let altitude_m = match *demand {
+            Demand::Rest => {
+                *self = Self::on_ground(self.position, self.ideal);
+                return;
+            }
+            Demand::Hold { altitude_m } | Demand::Go { altitude_m, .. } => Some(altitude_m),
+            Demand::Track(target) => Some(target.altitude_m),
+            Demand::Descend { .. } => None,
+        };
+        let climb = match *demand {
+            Demand::Descend { rate_mps } if self.altitude_m > FLARE.0 => -rate_mps,
+            Demand::Descend { rate_mps } => -rate_mps.min(FLARE.1.max(ability.descent_mps / 4.0)),
+            _ => {
+                let open = altitude_m.unwrap_or(self.altitude_m) - self.altitude_m;
+                (open * CLIMB_GAIN).clamp(-ability.descent_mps, ability.climb_mps)
+            }
+        };
+        self.step_vertical(dt_s, climb, altitude_m);
+        let stays_ideal = matches!(
+            demand,
+            Demand::Track(Target {
+                velocity: Some(_),
+                ..
+            })
+        );
+        if self.ideal && stays_ideal {
+            return; // moved by `take`
+        }
+        let wanted = self.wanted_acceleration(demand, ability);
+        let change = clip(wanted - self.acceleration, ability.jerk_mps3 * dt_s);
+        self.acceleration += change;
+        self.position += self.velocity * dt_s + self.acceleration * (0.5 * dt_s * dt_s);
+        self.velocity = clip(
+            self.velocity + self.acceleration * dt_s,
+            ability.speed_mps.max(self.velocity.norm()),
+        );
+        if self.is_on_ground() {
+            self.velocity = Vector2::zeros();
+            self.acceleration = Vector2::zeros();
+        }
+    }
+
+    fn step_vertical(&mut self, dt_s: f64, wanted_mps: f64, altitude_m: Option<f64>) {
+        if self.ideal {
+            self.climb_mps = wanted_mps;
+            if let Some(altitude_m) = altitude_m
+                && (altitude_m - self.altitude_m).abs() < 0.05
+            {
+                (self.altitude_m, self.climb_mps) = (altitude_m, 0.0);
+            }
+        } else {
+            let most = VERTICAL_ACCELERATION * dt_s;
+            self.climb_mps += (wanted_mps - self.climb_mps).clamp(-most, most);
+        }
+        self.altitude_m += self.climb_mps * dt_s;
+        if self.altitude_m <= 0.0 {
+            self.altitude_m = 0.0;
+            self.climb_mps = self.climb_mps.max(0.0);
+        }
+    }
+
+    fn wanted_acceleration(&self, demand: &Demand, ability: &Ability) -> Vector2<f64> {
+        let (velocity, feedforward) = match *demand {
+            Demand::Track(Target {
+                position,
+                velocity: Some(velocity),
+                acceleration,
+                age_s,
+                ..
+            }) => {
+                // The setpoint says where to be when it came; it is carried on from there,
+                // the acceleration for no longer than a few setpoints.
+                let bend = age_s.min(0.3);
+                let now = velocity + acceleration * bend;
+                let place = position + velocity * age_s + acceleration * (0.5 * bend * bend);
+                let open = place - self.position;
+                (now + open * POSITION_GAIN, acceleration)
+            }
+            Demand::Track(Target { position, .. }) => (
+                self.approach(position, ability.speed_mps, ability),
+                Vector2::zeros(),
+            ),
+            Demand::Go {
+                position,
+                speed_mps,
+                ..
+            } => (
+                self.approach(position, speed_mps.min(ability.speed_mps), ability),
+                Vector2::zeros(),
+            ),
+            _ => (Vector2::zeros(), Vector2::zeros()),
+        };
+        let velocity = clip(velocity, ability.speed_mps);
+        clip(
+            feedforward + (velocity - self.velocity) * VELOCITY_GAIN,
+            ability.acceleration_mps2,
+        )
+    }
+
+    /// Velocity that ends at rest at `place`: no faster than it can brake.
+    fn approach(&self, place: Position<f64>, speed_mps: f64, ability: &Ability) -> Vector2<f64> {
+        let open = place - self.position;
+        let distance = open.norm();
+        if distance < 1e-9 {
+            return Vector2::zeros();
+        }
+        let braking = (distance * ability.acceleration_mps2).sqrt();
+        open * (speed_mps.min(braking).min(distance * POSITION_GAIN) / distance)
+    }
+}

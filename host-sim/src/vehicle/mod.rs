@@ -1,0 +1,369 @@
+//! The built-in vehicle: a MAVLink 2 endpoint around a simulated body, without I/O.
+//!
+//! It takes bytes and the time and gives bytes, like the client it is flown by; whether they
+//! travel through a function call, a lossy link or a socket is not its business. In simulated
+//! time it is deterministic.
+//!
+//! ```text
+//! receive(now, bytes) ─ endpoint ─ mode, arming, setpoint ─ body ─ telemetry ─ next_frame()
+//! ```
+
+mod body;
+mod endpoint;
+mod parameters;
+mod profile;
+mod telemetry;
+
+use std::collections::VecDeque;
+
+use firmware_core::Position;
+use firmware_core::autopilot::frames::Geodetic;
+use firmware_core::autopilot::profile::Firmware;
+use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
+use firmware_core::time::{Duration, Instant};
+use mavlink::dialects::common::MavMessage;
+use nalgebra::Vector2;
+
+pub use body::Ability;
+pub use profile::Profile;
+
+use body::{Body, Demand, Target};
+use parameters::Parameters;
+use telemetry::Streams;
+
+/// What a vehicle is made with.
+#[derive(Clone, Debug)]
+pub struct VehicleSettings {
+    /// Which vehicle.
+    pub profile: Profile,
+    /// Where the map's origin lies on Earth.
+    pub map_origin: Geodetic,
+    /// Height of the map above mean sea level, m.
+    pub elevation_m: f64,
+    /// Where it stands at first, on the map, m.
+    pub start: Position<f64>,
+    /// What its body can do.
+    pub ability: Ability,
+    /// Its MAVLink system id.
+    pub system: u8,
+    /// Until its estimator has an absolute position.
+    pub ready_after: Duration,
+    /// Parameters that differ from the profile's defaults: name and value.
+    pub parameters: Vec<(String, f32)>,
+}
+
+impl VehicleSettings {
+    /// A vehicle of this profile on the ground at `start`.
+    pub fn new(profile: Profile, map_origin: Geodetic, start: Position<f64>) -> Self {
+        Self {
+            profile,
+            map_origin,
+            elevation_m: 0.0,
+            start,
+            ability: profile.ability(),
+            system: 1,
+            ready_after: profile.ready_after(),
+            parameters: Vec::new(),
+        }
+    }
+}
+
+/// Things that go wrong on purpose, for tests.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Faults {
+    /// Heartbeats stop.
+    pub no_heartbeat: bool,
+    /// Position messages stop.
+    pub no_position: bool,
+    /// Positions are reported wrong by so much, m.
+    pub position_offset_m: Vector2<f64>,
+    /// Setpoints are taken and not flown.
+    pub ignore_setpoints: bool,
+    /// What the battery shows, percent; `None` for full.
+    pub battery_percent: Option<i8>,
+}
+
+/// What the vehicle is doing. Numbers for the wire come from its [`Firmware`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlightMode {
+    /// A person flies by hand; without one it hovers.
+    Manual,
+    /// Stays where it is.
+    Loiter,
+    /// Follows setpoints: GUIDED, OFFBOARD.
+    Guided,
+    /// Flies its mission.
+    Auto,
+    /// Returns to where it took off.
+    Return,
+    /// Lands.
+    Land,
+}
+
+/// A setpoint and when it came.
+#[derive(Clone, Copy, Debug)]
+struct Setpoint {
+    came: Instant,
+    target: Target,
+}
+
+/// One step of the body.
+const STEP: Duration = Duration::from_millis(10);
+/// Frames that nobody fetched; older ones go.
+const OUTBOX: usize = 4096;
+/// On the ground in a landing mode for this long, the motors stop.
+const DISARM_AFTER: Duration = Duration::from_secs(1);
+
+/// The vehicle.
+#[derive(Debug)]
+pub struct Vehicle {
+    settings: VehicleSettings,
+    firmware: Firmware,
+    decoder: Decoder,
+    encoder: Encoder,
+    outbox: VecDeque<Vec<u8>>,
+    time: Instant,
+    body: Body,
+    home: Position<f64>,
+    mode: FlightMode,
+    armed: bool,
+    armed_at: Instant,
+    /// A take-off under way, to this altitude.
+    take_off_to: Option<f64>,
+    hold_altitude_m: f64,
+    setpoint: Option<Setpoint>,
+    /// Since when setpoints have flowed without a gap.
+    stream_since: Option<Instant>,
+    landed_since: Option<Instant>,
+    parameters: Parameters,
+    streams: Streams,
+    /// Set from outside to make things go wrong.
+    pub faults: Faults,
+}
+
+impl Vehicle {
+    /// A vehicle on the ground.
+    pub fn new(settings: VehicleSettings) -> Self {
+        let firmware = settings.profile.firmware();
+        let address = Address {
+            system: settings.system,
+            component: 1,
+        };
+        let mut parameters = Parameters::of(settings.profile);
+        for (name, value) in &settings.parameters {
+            parameters.set(name, *value);
+        }
+        Self {
+            firmware,
+            decoder: Decoder::new(),
+            encoder: Encoder::new(address),
+            outbox: VecDeque::new(),
+            time: Instant::ZERO,
+            body: Body::on_ground(settings.start, settings.profile == Profile::Ideal),
+            home: settings.start,
+            mode: FlightMode::Manual,
+            armed: false,
+            armed_at: Instant::ZERO,
+            take_off_to: None,
+            hold_altitude_m: 0.0,
+            setpoint: None,
+            stream_since: None,
+            landed_since: None,
+            parameters,
+            streams: Streams::of(settings.profile),
+            faults: Faults::default(),
+            settings,
+        }
+    }
+
+    /// Where it really is, on the map, m.
+    pub fn true_position(&self) -> Position<f64> {
+        self.body.position
+    }
+
+    /// Its real velocity, m/s.
+    pub fn velocity(&self) -> Vector2<f64> {
+        self.body.velocity
+    }
+
+    /// Its real height above the ground, m.
+    pub fn altitude_m(&self) -> f64 {
+        self.body.altitude_m
+    }
+
+    /// Whether its motors may turn.
+    pub fn armed(&self) -> bool {
+        self.armed
+    }
+
+    /// What it is doing.
+    pub fn mode(&self) -> FlightMode {
+        self.mode
+    }
+
+    /// Takes a datagram, or a piece of a byte stream, that came at `now`.
+    pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
+        self.step(now);
+        // The decoder is lent out while frames borrow from it.
+        let mut decoder = std::mem::take(&mut self.decoder);
+        while let Some(frame) = decoder.next_frame(&mut bytes) {
+            let sender = frame.sender();
+            // A value outside an enumeration: such a frame means nothing to us.
+            if let Ok(message) = frame.message() {
+                self.handle(now, sender, &message);
+            }
+        }
+        self.decoder = decoder;
+    }
+
+    /// Lets the time pass up to `now`.
+    pub fn step(&mut self, now: Instant) {
+        while self.time + STEP <= now {
+            self.time += STEP;
+            self.step_body();
+        }
+        self.transmit_due(now);
+    }
+
+    /// The next frame it sends; one datagram each.
+    pub fn next_frame(&mut self) -> Option<Vec<u8>> {
+        self.outbox.pop_front()
+    }
+
+    /// A pilot switches the mode with the remote control.
+    pub fn pilot_sets_mode(&mut self, now: Instant, mode: FlightMode) {
+        self.step(now);
+        self.set_mode(mode);
+    }
+
+    fn send(&mut self, message: &MavMessage) {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = self.encoder.encode(message, &mut buffer).to_vec();
+        self.enqueue(frame);
+    }
+
+    fn enqueue(&mut self, frame: Vec<u8>) {
+        if self.outbox.len() >= OUTBOX {
+            self.outbox.pop_front();
+        }
+        self.outbox.push_back(frame);
+    }
+
+    fn is_ready(&self) -> bool {
+        self.time >= Instant::ZERO + self.settings.ready_after
+    }
+
+    fn set_mode(&mut self, mode: FlightMode) {
+        if self.mode != mode {
+            self.mode = mode;
+            self.setpoint = None;
+            self.take_off_to = None;
+            self.hold_altitude_m = self.body.altitude_m;
+            self.landed_since = None;
+            // Autopilots tell at once when the mode changes.
+            if !self.faults.no_heartbeat {
+                self.send_heartbeat();
+            }
+        }
+    }
+
+    fn step_body(&mut self) {
+        let demand = self.demand();
+        let ability = self.ability();
+        self.body.step(STEP.as_secs_f64(), &demand, &ability);
+        if let Some(altitude_m) = self.take_off_to
+            && (self.body.altitude_m - altitude_m).abs() < 0.3
+        {
+            self.take_off_to = None;
+            self.hold_altitude_m = altitude_m;
+        }
+        self.stop_motors_on_ground();
+    }
+
+    fn demand(&self) -> Demand {
+        if !self.armed {
+            return Demand::Rest;
+        }
+        let hold = Demand::Hold {
+            altitude_m: self.hold_altitude_m,
+        };
+        if self.body.is_on_ground() && self.take_off_to.is_none() && !self.rises_by_setpoint() {
+            return Demand::Rest;
+        }
+        match self.mode {
+            FlightMode::Manual | FlightMode::Loiter | FlightMode::Auto => hold,
+            FlightMode::Land => Demand::Descend {
+                rate_mps: self.settings.ability.descent_mps,
+            },
+            FlightMode::Return => {
+                if (self.home - self.body.position).norm() < 0.5 {
+                    Demand::Descend {
+                        rate_mps: self.settings.ability.descent_mps,
+                    }
+                } else {
+                    Demand::Go {
+                        position: self.home,
+                        altitude_m: self.hold_altitude_m,
+                        speed_mps: 10.0,
+                    }
+                }
+            }
+            FlightMode::Guided => match (self.take_off_to, self.setpoint) {
+                (Some(altitude_m), _) => Demand::Hold { altitude_m },
+                (None, Some(_)) if self.faults.ignore_setpoints => hold,
+                (None, Some(setpoint)) => self.follow(&setpoint),
+                (None, None) => hold,
+            },
+        }
+    }
+
+    /// PX4 takes off with setpoints; the others drop them on the ground.
+    fn rises_by_setpoint(&self) -> bool {
+        self.firmware == Firmware::Px4
+            && self.mode == FlightMode::Guided
+            && self.setpoint.is_some_and(|s| s.target.altitude_m > 0.1)
+    }
+
+    fn follow(&self, setpoint: &Setpoint) -> Demand {
+        let age = self.time - setpoint.came;
+        let mut target = setpoint.target;
+        if age > self.setpoint_timeout() && target.velocity.is_some() {
+            // The stream broke off while moving: stop.
+            return Demand::Hold {
+                altitude_m: target.altitude_m,
+            };
+        }
+        target.age_s = age.as_secs_f64();
+        Demand::Track(target)
+    }
+
+    /// How long a moving setpoint is flown on without the next one.
+    fn setpoint_timeout(&self) -> Duration {
+        match self.firmware {
+            Firmware::Generic | Firmware::ArduCopter => Duration::from_secs(3),
+            Firmware::Px4 => Duration::from_secs(1),
+        }
+    }
+
+    /// The airframe's ability as its parameters clip it.
+    fn ability(&self) -> Ability {
+        self.parameters.clip(self.settings.ability)
+    }
+
+    fn stop_motors_on_ground(&mut self) {
+        let landing = matches!(self.mode, FlightMode::Land | FlightMode::Return);
+        if !(self.armed && landing && self.body.is_on_ground()) {
+            self.landed_since = None;
+            return;
+        }
+        let since = *self.landed_since.get_or_insert(self.time);
+        if self.time - since >= DISARM_AFTER {
+            self.armed = false;
+            self.landed_since = None;
+            self.say(
+                mavlink::dialects::common::MavSeverity::MAV_SEVERITY_INFO,
+                "Disarming motors",
+            );
+        }
+    }
+}

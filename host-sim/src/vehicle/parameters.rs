@@ -1,0 +1,134 @@
+//! Parameters: what clips the vehicle's speed and acceleration, readable and settable by name.
+
+use super::body::Ability;
+use super::profile::Profile;
+
+/// A parameter's value and its type on the wire.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Value {
+    Real(f32),
+    Integer(i32),
+}
+
+impl Value {
+    pub(super) fn number(self) -> f64 {
+        match self {
+            Self::Real(value) => f64::from(value),
+            Self::Integer(value) => f64::from(value),
+        }
+    }
+}
+
+/// Name and value of each, in the order of their indices.
+#[derive(Clone, Debug)]
+pub(super) struct Parameters {
+    profile: Profile,
+    all: Vec<(&'static str, Value)>,
+}
+
+/// m/s^2.
+const GRAVITY: f64 = 9.806_65;
+
+impl Parameters {
+    /// The profile's defaults.
+    pub(super) fn of(profile: Profile) -> Self {
+        use Value::{Integer, Real};
+        let all = match profile {
+            Profile::Ideal | Profile::Multirotor => vec![("SYSID_THISMAV", Integer(1))],
+            Profile::ArduCopter => vec![
+                ("ANGLE_MAX", Integer(3000)),
+                ("ARMING_CHECK", Integer(1)),
+                ("BATT_FS_LOW_ACT", Integer(0)),
+                ("FENCE_ENABLE", Integer(0)),
+                ("FS_GCS_ENABLE", Integer(0)),
+                ("FS_THR_ENABLE", Integer(1)),
+                ("GUID_TIMEOUT", Real(3.0)),
+                ("LAND_SPEED", Integer(50)),
+                ("RTL_ALT", Integer(1500)),
+                ("SYSID_MYGCS", Integer(255)),
+                ("SYSID_THISMAV", Integer(1)),
+                ("WPNAV_ACCEL", Real(250.0)),
+                ("WPNAV_JERK", Real(1.0)),
+                ("WPNAV_SPEED", Real(1000.0)),
+                ("WPNAV_SPEED_UP", Real(250.0)),
+            ],
+            Profile::Px4 => vec![
+                ("COM_OBL_RC_ACT", Integer(0)),
+                ("COM_OF_LOSS_T", Real(1.0)),
+                ("GF_ACTION", Integer(2)),
+                ("MAV_SYS_ID", Integer(1)),
+                ("MPC_ACC_HOR", Real(3.0)),
+                ("MPC_ACC_HOR_MAX", Real(5.0)),
+                ("MPC_JERK_AUTO", Real(4.0)),
+                ("MPC_TILTMAX_AIR", Real(45.0)),
+                ("MPC_XY_CRUISE", Real(5.0)),
+                ("MPC_XY_VEL_MAX", Real(12.0)),
+                ("MPC_Z_VEL_MAX_UP", Real(3.0)),
+                ("NAV_DLL_ACT", Integer(0)),
+            ],
+        };
+        Self { profile, all }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.all.len()
+    }
+
+    pub(super) fn at(&self, index: usize) -> Option<(&'static str, Value)> {
+        self.all.get(index).copied()
+    }
+
+    pub(super) fn index_of(&self, name: &str) -> Option<usize> {
+        self.all.iter().position(|(known, _)| *known == name)
+    }
+
+    fn number(&self, name: &str) -> Option<f64> {
+        self.index_of(name).map(|i| self.all[i].1.number())
+    }
+
+    /// Sets a known parameter to a finite value, in its own type; false if that cannot be.
+    pub(super) fn set(&mut self, name: &str, value: f32) -> bool {
+        let Some(index) = self.index_of(name).filter(|_| value.is_finite()) else {
+            return false;
+        };
+        let slot = &mut self.all[index].1;
+        *slot = match slot {
+            Value::Real(_) => Value::Real(value),
+            Value::Integer(_) => Value::Integer(value.round() as i32),
+        };
+        true
+    }
+
+    /// The airframe's ability as these parameters clip it.
+    pub(super) fn clip(&self, ability: Ability) -> Ability {
+        let number = |name| self.number(name).unwrap_or(f64::INFINITY);
+        match self.profile {
+            Profile::Ideal | Profile::Multirotor => ability,
+            Profile::ArduCopter => {
+                let lean = (number("ANGLE_MAX") / 100.0).to_radians().min(1.4).tan();
+                Ability {
+                    // 30 degrees of lean hold 30 m/s against the drag.
+                    speed_mps: ability
+                        .speed_mps
+                        .min(number("WPNAV_SPEED") / 100.0)
+                        .min(30.0 * (lean / 30f64.to_radians().tan()).sqrt()),
+                    acceleration_mps2: ability
+                        .acceleration_mps2
+                        .min(number("WPNAV_ACCEL") / 100.0)
+                        .min(GRAVITY * lean),
+                    climb_mps: ability.climb_mps.min(number("WPNAV_SPEED_UP") / 100.0),
+                    ..ability
+                }
+            }
+            Profile::Px4 => Ability {
+                speed_mps: ability.speed_mps.min(number("MPC_XY_VEL_MAX")),
+                acceleration_mps2: ability
+                    .acceleration_mps2
+                    .min(number("MPC_ACC_HOR_MAX"))
+                    .min(GRAVITY * number("MPC_TILTMAX_AIR").to_radians().min(1.4).tan()),
+                climb_mps: ability.climb_mps.min(number("MPC_Z_VEL_MAX_UP")),
+                ..ability
+            },
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! The vehicles that are built in, and what makes each of them difficult.
+
+use std::str::FromStr;
+
+use firmware_core::autopilot::guidance::Limits;
+use firmware_core::autopilot::profile::Firmware;
+use firmware_core::time::Duration;
+
+use super::body::Ability;
+
+/// Which vehicle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Profile {
+    /// The paper's kinematics.
+    #[default]
+    Ideal,
+    /// A point mass with limits, otherwise kind.
+    Multirotor,
+    /// Behaves as ArduCopter did when it was flown.
+    ArduCopter,
+    /// Behaves as PX4 did when it was flown.
+    Px4,
+}
+
+impl Profile {
+    /// All of them, in the order of difficulty.
+    pub const ALL: [Self; 4] = [Self::Ideal, Self::Multirotor, Self::ArduCopter, Self::Px4];
+
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ideal => "ideal",
+            Self::Multirotor => "multirotor",
+            Self::ArduCopter => "arducopter",
+            Self::Px4 => "px4",
+        }
+    }
+
+    /// What its heartbeat says it is.
+    pub const fn firmware(self) -> Firmware {
+        match self {
+            Self::Ideal | Self::Multirotor => Firmware::Generic,
+            Self::ArduCopter => Firmware::ArduCopter,
+            Self::Px4 => Firmware::Px4,
+        }
+    }
+
+    /// What its airframe can do, before parameters clip it.
+    pub const fn ability(self) -> Ability {
+        match self {
+            Self::Ideal => Ability {
+                speed_mps: 30.0,
+                acceleration_mps2: 20.0,
+                jerk_mps3: 200.0,
+                climb_mps: 20.0,
+                descent_mps: 20.0,
+            },
+            Self::Multirotor => Ability {
+                speed_mps: 36.0,
+                acceleration_mps2: 10.0,
+                jerk_mps3: 60.0,
+                climb_mps: 5.0,
+                descent_mps: 4.0,
+            },
+            Self::ArduCopter | Self::Px4 => Ability {
+                speed_mps: 40.0,
+                acceleration_mps2: 12.0,
+                jerk_mps3: 60.0,
+                climb_mps: 5.0,
+                descent_mps: 3.0,
+            },
+        }
+    }
+
+    /// The limits that a client should plan with: some way below the ability, so that the
+    /// vehicle can catch up.
+    pub fn client_limits(self) -> Limits<f64> {
+        match self {
+            Self::Ideal => Limits::ideal(),
+            _ => {
+                let ability = self.ability();
+                Limits {
+                    speed_mps: ability.speed_mps * 0.95,
+                    acceleration_mps2: ability.acceleration_mps2 * 0.8,
+                    jerk_mps3: ability.jerk_mps3 * 0.8,
+                }
+            }
+        }
+    }
+
+    /// Until its estimator has an absolute position.
+    pub(super) const fn ready_after(self) -> Duration {
+        match self {
+            Self::Ideal => Duration::from_millis(200),
+            Self::Multirotor => Duration::from_secs(2),
+            Self::ArduCopter => Duration::from_secs(40),
+            Self::Px4 => Duration::from_secs(12),
+        }
+    }
+}
+
+impl std::fmt::Display for Profile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Profile {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|profile| profile.name() == name)
+            .ok_or_else(|| {
+                let names = Self::ALL.map(Self::name).join(", ");
+                format!("no vehicle profile {name:?}; there are {names}")
+            })
+    }
+}

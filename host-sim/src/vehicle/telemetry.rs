@@ -1,0 +1,294 @@
+//! What the vehicle says by itself, and how often.
+
+use firmware_core::autopilot::frames::MapFrame;
+use firmware_core::autopilot::profile::Firmware;
+use firmware_core::autopilot::wire::MAX_FRAME;
+use firmware_core::time::{Duration, Instant};
+use firmware_core::{Displacement, Position};
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA, EstimatorStatusFlags,
+    GLOBAL_POSITION_INT_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA,
+    MavAutopilot, MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState,
+    MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState, STATUSTEXT_DATA,
+    SYS_STATUS_DATA,
+};
+
+use super::profile::Profile;
+use super::{FlightMode, Vehicle};
+
+pub(super) const HEARTBEAT: u32 = 0;
+pub(super) const SYS_STATUS: u32 = 1;
+pub(super) const ATTITUDE: u32 = 30;
+pub(super) const LOCAL_POSITION_NED: u32 = 32;
+pub(super) const GLOBAL_POSITION_INT: u32 = 33;
+pub(super) const GPS_GLOBAL_ORIGIN: u32 = 49;
+pub(super) const ESTIMATOR_STATUS: u32 = 230;
+pub(super) const EKF_STATUS_REPORT: u32 = 193;
+pub(super) const EXTENDED_SYS_STATE: u32 = 245;
+
+/// One message that is sent regularly.
+#[derive(Clone, Copy, Debug)]
+struct Stream {
+    message: u32,
+    interval: Duration,
+    due: Instant,
+}
+
+/// All of them.
+#[derive(Clone, Debug)]
+pub(super) struct Streams {
+    all: Vec<Stream>,
+}
+
+/// Nothing is sent faster than this.
+const SHORTEST_INTERVAL: Duration = Duration::from_millis(5);
+
+impl Streams {
+    /// What the profile sends without being asked.
+    pub(super) fn of(profile: Profile) -> Self {
+        let second = Duration::from_secs(1);
+        let mut wanted = vec![(HEARTBEAT, second)];
+        if profile != Profile::ArduCopter {
+            wanted.extend([
+                (SYS_STATUS, second),
+                (ESTIMATOR_STATUS, second),
+                (EXTENDED_SYS_STATE, second),
+                (GLOBAL_POSITION_INT, second / 4),
+                (LOCAL_POSITION_NED, second / 4),
+                (ATTITUDE, second / 4),
+            ]);
+        }
+        let stream = |(message, interval)| Stream {
+            message,
+            interval,
+            due: Instant::ZERO,
+        };
+        Self {
+            all: wanted.into_iter().map(stream).collect(),
+        }
+    }
+
+    /// Changes how often a message is sent; `None` stops it.
+    pub(super) fn set(&mut self, now: Instant, message: u32, interval: Option<Duration>) {
+        self.all.retain(|stream| stream.message != message);
+        if let Some(interval) = interval {
+            self.all.push(Stream {
+                message,
+                interval: interval.max(SHORTEST_INTERVAL),
+                due: now,
+            });
+        }
+    }
+
+    fn take_due(&mut self, now: Instant) -> Option<u32> {
+        let stream = self.all.iter_mut().find(|stream| now >= stream.due)?;
+        // On a steady grid; after a gap from now on.
+        stream.due =
+            (stream.due + stream.interval).max(now.back(stream.interval) + SHORTEST_INTERVAL);
+        Some(stream.message)
+    }
+}
+
+impl Vehicle {
+    pub(super) fn transmit_due(&mut self, now: Instant) {
+        while let Some(message) = self.streams.take_due(now) {
+            self.send_message(now, message);
+        }
+    }
+
+    /// Sends the message with this id once; false if there is none.
+    pub(super) fn send_message(&mut self, now: Instant, message: u32) -> bool {
+        let time_boot_ms = now.millis_wrapping();
+        let position_muted = self.faults.no_position || !self.has_position();
+        match message {
+            HEARTBEAT => {
+                if !self.faults.no_heartbeat {
+                    self.send_heartbeat();
+                }
+            }
+            SYS_STATUS => self.send_sys_status(),
+            LOCAL_POSITION_NED if position_muted => {}
+            GLOBAL_POSITION_INT if position_muted => {}
+            LOCAL_POSITION_NED => {
+                let frame = self.local_frame();
+                let (x, y) = frame.to_local(self.reported_position());
+                let velocity = self.body.velocity;
+                self.send(&MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
+                    time_boot_ms,
+                    x,
+                    y,
+                    z: -self.body.altitude_m as f32,
+                    vx: velocity.y as f32,
+                    vy: velocity.x as f32,
+                    vz: -self.body.climb_mps as f32,
+                }));
+            }
+            GLOBAL_POSITION_INT => {
+                let place = self.local_frame().to_geodetic(self.reported_position());
+                let altitude_m = self.body.altitude_m;
+                let centi = |v: f64| (v * 100.0).round() as i16;
+                self.send(&MavMessage::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
+                    time_boot_ms,
+                    lat: place.latitude_e7,
+                    lon: place.longitude_e7,
+                    alt: ((altitude_m + self.settings.elevation_m) * 1e3).round() as i32,
+                    relative_alt: (altitude_m * 1e3).round() as i32,
+                    vx: centi(self.body.velocity.y),
+                    vy: centi(self.body.velocity.x),
+                    vz: centi(-self.body.climb_mps),
+                    hdg: 0,
+                }));
+            }
+            ATTITUDE => self.send(&MavMessage::ATTITUDE(ATTITUDE_DATA {
+                time_boot_ms,
+                ..ATTITUDE_DATA::DEFAULT
+            })),
+            GPS_GLOBAL_ORIGIN if !self.is_ready() => return false,
+            GPS_GLOBAL_ORIGIN => {
+                let origin = self.local_origin();
+                self.send(&MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA {
+                    latitude: origin.latitude_e7,
+                    longitude: origin.longitude_e7,
+                    altitude: (self.settings.elevation_m * 1e3).round() as i32,
+                    time_usec: now.micros(),
+                }));
+            }
+            ESTIMATOR_STATUS if self.firmware != Firmware::ArduCopter => {
+                let flags = self.estimator_flags();
+                self.send(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
+                    time_usec: now.micros(),
+                    flags,
+                    ..ESTIMATOR_STATUS_DATA::DEFAULT
+                }));
+            }
+            EKF_STATUS_REPORT if self.firmware == Firmware::ArduCopter => {
+                let mut buffer = [0; MAX_FRAME];
+                let flags = self.estimator_flags();
+                let frame = self
+                    .encoder
+                    .encode_ekf_status_report(flags, &mut buffer)
+                    .to_vec();
+                self.enqueue(frame);
+            }
+            EXTENDED_SYS_STATE => {
+                let landed_state = if self.body.is_on_ground() {
+                    MavLandedState::MAV_LANDED_STATE_ON_GROUND
+                } else {
+                    MavLandedState::MAV_LANDED_STATE_IN_AIR
+                };
+                self.send(&MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+                    vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
+                    landed_state,
+                }));
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    pub(super) fn send_heartbeat(&mut self) {
+        let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
+        if self.armed {
+            base_mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+        }
+        if matches!(self.mode, FlightMode::Guided | FlightMode::Auto) {
+            base_mode |= MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED;
+        }
+        let autopilot = match self.firmware {
+            Firmware::Generic => MavAutopilot::MAV_AUTOPILOT_GENERIC,
+            Firmware::ArduCopter => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            Firmware::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
+        };
+        self.send(&MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: self.custom_mode(self.mode),
+            mavtype: MavType::MAV_TYPE_QUADROTOR,
+            autopilot,
+            base_mode,
+            system_status: if self.armed {
+                MavState::MAV_STATE_ACTIVE
+            } else {
+                MavState::MAV_STATE_STANDBY
+            },
+            mavlink_version: 3,
+        }));
+    }
+
+    fn send_sys_status(&mut self) {
+        use MavSysStatusSensor as S;
+        let present = S::MAV_SYS_STATUS_SENSOR_3D_GYRO
+            | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL
+            | S::MAV_SYS_STATUS_SENSOR_GPS
+            | S::MAV_SYS_STATUS_SENSOR_BATTERY
+            | S::MAV_SYS_STATUS_PREARM_CHECK;
+        let health = if self.is_ready() {
+            present
+        } else {
+            present - S::MAV_SYS_STATUS_PREARM_CHECK
+        };
+        self.send(&MavMessage::SYS_STATUS(SYS_STATUS_DATA {
+            onboard_control_sensors_present: present,
+            onboard_control_sensors_enabled: present,
+            onboard_control_sensors_health: health,
+            load: 100,
+            voltage_battery: 16_000,
+            current_battery: -1,
+            battery_remaining: self.faults.battery_percent.unwrap_or(100),
+            onboard_control_sensors_present_extended: MavSysStatusSensorExtended::empty(),
+            onboard_control_sensors_enabled_extended: MavSysStatusSensorExtended::empty(),
+            onboard_control_sensors_health_extended: MavSysStatusSensorExtended::empty(),
+            ..SYS_STATUS_DATA::DEFAULT
+        }));
+    }
+
+    /// Says something to people.
+    pub(super) fn say(&mut self, severity: MavSeverity, text: &str) {
+        self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+            severity,
+            text: text.into(),
+            id: 0,
+            chunk_seq: 0,
+        }));
+    }
+
+    fn estimator_flags(&self) -> EstimatorStatusFlags {
+        use EstimatorStatusFlags as F;
+        let attitude = F::ESTIMATOR_ATTITUDE | F::ESTIMATOR_VELOCITY_VERT;
+        if self.is_ready() {
+            attitude
+                | F::ESTIMATOR_VELOCITY_HORIZ
+                | F::ESTIMATOR_POS_HORIZ_REL
+                | F::ESTIMATOR_POS_HORIZ_ABS
+                | F::ESTIMATOR_POS_VERT_ABS
+                | F::ESTIMATOR_PRED_POS_HORIZ_REL
+                | F::ESTIMATOR_PRED_POS_HORIZ_ABS
+        } else {
+            attitude | F::ESTIMATOR_CONST_POS_MODE
+        }
+    }
+
+    /// ArduPilot and PX4 report a local position only once the estimator has one.
+    fn has_position(&self) -> bool {
+        self.is_ready() || self.firmware == Firmware::Generic
+    }
+
+    fn reported_position(&self) -> Position<f64> {
+        let offset: Displacement<f64> = self.faults.position_offset_m;
+        self.body.position + offset
+    }
+
+    /// The origin of the local frame: the map's own, or where the estimator started.
+    pub(super) fn local_origin(&self) -> firmware_core::autopilot::frames::Geodetic {
+        match self.firmware {
+            Firmware::Generic => self.settings.map_origin,
+            Firmware::ArduCopter | Firmware::Px4 => {
+                self.settings.map_origin.offset(self.settings.start.coords)
+            }
+        }
+    }
+
+    pub(super) fn local_frame(&self) -> MapFrame<f64> {
+        let mut frame = MapFrame::new(self.settings.map_origin);
+        frame.set_local_origin(self.local_origin());
+        frame
+    }
+}

@@ -1,0 +1,138 @@
+//! Client and vehicle with nothing but bytes between them, in simulated time.
+// Each test binary is a crate of its own and uses a part of it.
+#![allow(dead_code, unreachable_pub)]
+
+use firmware_core::Position;
+use firmware_core::autopilot::frames::Geodetic;
+use firmware_core::autopilot::wire::{Decoder, Encoder, MAX_FRAME};
+use firmware_core::autopilot::{Autopilot, Leg, LegEnd, Phase, Settings};
+use firmware_core::time::{Duration, Instant};
+use host_sim::vehicle::{Profile, Vehicle, VehicleSettings};
+
+pub const TICK: Duration = Duration::from_millis(10);
+pub const SLOT: Duration = Duration::from_secs(1);
+pub const ALTITUDE_M: f64 = 100.0;
+pub const SPEED_MPS: f64 = 30.0;
+
+pub fn origin() -> Geodetic {
+    Geodetic::from_degrees(47.3977, 8.5456).unwrap()
+}
+
+pub fn start() -> Position<f64> {
+    Position::new(50.0, 80.0)
+}
+
+pub struct Flight {
+    pub now: Instant,
+    pub client: Autopilot<f64>,
+    pub encoder: Encoder,
+    pub decoder: Decoder,
+    pub vehicle: Vehicle,
+    pub log: Vec<String>,
+}
+
+impl Flight {
+    pub fn new(settings: Settings<f64>, vehicle: VehicleSettings) -> Self {
+        Self {
+            now: Instant::ZERO,
+            encoder: Encoder::new(settings.own),
+            client: Autopilot::new(settings).unwrap(),
+            decoder: Decoder::new(),
+            vehicle: Vehicle::new(vehicle),
+            log: Vec::new(),
+        }
+    }
+
+    /// Passes messages to and fro until both are quiet.
+    pub fn exchange(&mut self) {
+        let mut buffer = [0; MAX_FRAME];
+        loop {
+            let mut quiet = true;
+            while let Some(message) = self.client.poll(self.now) {
+                let bytes = self.encoder.encode(&message, &mut buffer);
+                self.vehicle.receive(self.now, bytes);
+                quiet = false;
+            }
+            self.vehicle.step(self.now);
+            while let Some(frame) = self.vehicle.next_frame() {
+                let mut bytes = &frame[..];
+                while let Some(frame) = self.decoder.next_frame(&mut bytes) {
+                    let message = frame.message().expect("our own frames are readable");
+                    self.client.receive(self.now, frame.sender(), &message);
+                    quiet = false;
+                }
+            }
+            while let Some(event) = self.client.take_next_event() {
+                let seconds = self.now.micros() as f64 * 1e-6;
+                self.log.push(format!("{seconds:9.3} {event}"));
+            }
+            if quiet {
+                return;
+            }
+        }
+    }
+
+    pub fn run_until(&mut self, limit: Duration, mut done: impl FnMut(&mut Self) -> bool) {
+        let end = self.now + limit;
+        self.exchange();
+        while !done(self) {
+            let phase = self.client.phase();
+            let log = self.log.join("\n");
+            assert!(self.now < end, "{phase:?} for too long:\n{log}");
+            self.now += TICK;
+            self.exchange();
+        }
+    }
+
+    pub fn run_until_phase(&mut self, phase: Phase, limit: Duration) {
+        self.run_until(limit, |flight| flight.client.phase() == phase);
+    }
+
+    pub fn run_for(&mut self, span: Duration) {
+        let end = self.now + span;
+        self.run_until(span * 2, |flight| flight.now >= end);
+    }
+
+    pub fn fly_leg(&mut self, waypoint: Position<f64>, end: Instant) -> LegEnd<f64> {
+        let leg = Leg { waypoint, end };
+        if let Err(refused) = self.client.fly_leg(self.now, leg) {
+            panic!("{refused}:\n{}", self.log.join("\n"));
+        }
+        let mut ended = None;
+        self.run_until(SLOT * 2, |flight| {
+            ended = flight.client.leg_ended(flight.now);
+            ended.is_some()
+        });
+        ended.unwrap()
+    }
+}
+
+/// A flight that holds at the start, ready for legs.
+pub fn ready(
+    profile: Profile,
+    change: impl FnOnce(&mut Settings<f64>, &mut VehicleSettings),
+) -> Flight {
+    let mut settings = Settings {
+        limits: profile.client_limits(),
+        ..Settings::new(origin(), start(), ALTITUDE_M, SPEED_MPS)
+    };
+    let mut vehicle = VehicleSettings::new(profile, origin(), start());
+    change(&mut settings, &mut vehicle);
+    let mut flight = Flight::new(settings, vehicle);
+    flight.client.launch(flight.now);
+    flight.run_until_phase(Phase::Ready, Duration::from_secs(300));
+    flight
+}
+
+/// Way-points with corners, each within 30 m of the last.
+pub fn zigzag() -> Vec<Position<f64>> {
+    let mut place = start();
+    (0..10)
+        .map(|n| {
+            let angle = 0.4 + f64::from(n) * 1.1;
+            place.x += 29.9 * angle.cos();
+            place.y += 29.9 * angle.sin();
+            place
+        })
+        .collect()
+}
