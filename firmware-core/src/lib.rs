@@ -12,6 +12,7 @@ pub mod controller;
 pub mod inner;
 pub mod link;
 pub mod mission;
+pub mod onboard;
 pub mod policy;
 pub mod scalar;
 pub mod shield;

@@ -1,0 +1,350 @@
+//! The whole onboard computer: controller, MAVLink client and ground link in one slot cycle.
+//!
+//! No I/O and no clock: bytes and time come in as arguments, bytes go out on request.
+//!
+//! ```text
+//!             ground bytes                                  MAVLink bytes
+//!                 |  ^                                           |  ^
+//!  receive_ground v  | take_ground_frame         receive_mavlink v  | take_mavlink_frame
+//!        +--------------------------------------------------------------------+
+//!        |  link::Decoder   ->   Controller: plan, allocate   ->   Autopilot  |
+//!        +--------------------------------------------------------------------+
+//! ```
+//!
+//! A slot: `plan` from the measured position, fly the leg, report the [`Arrival`], take the
+//! channel state that the ground answers with, `allocate`, send the command; then the next slot.
+//! A slot lasts `delta` plus that exchange. Where no channel state comes within
+//! [`Settings::channel_patience`], the channel model at the measured position stands in, and the
+//! command says so.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    SENSORS_MAX, USERS_MAX,
+    autopilot::{
+        Autopilot, Leg, LegEnd, LegError, Phase,
+        wire::{self, FrameBuffer},
+    },
+    controller::{ChannelState, Controller, ControllerError, SlotCommand},
+    link::{self, Arrival, Decoder, LinkCounters, Message},
+    policy::Policy,
+    scalar::{Position, Scalar},
+    time::{Duration, Instant},
+};
+
+/// What the slot cycle is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// How long the ground may take to answer an arrival.
+    pub channel_patience: Duration,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            channel_patience: Duration::from_millis(500),
+        }
+    }
+}
+
+/// The two computations of a slot, for whoever measures them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activity {
+    /// Policy and shield.
+    Plan,
+    /// The slot problem.
+    Allocate,
+}
+
+/// Something that measures how long an [`Activity`] takes. The core has no clock.
+pub trait Probe {
+    /// It begins.
+    fn begin(&mut self, activity: Activity);
+    /// It has ended.
+    fn end(&mut self, activity: Activity);
+}
+
+/// Measures nothing.
+impl Probe for () {
+    fn begin(&mut self, _: Activity) {}
+    fn end(&mut self, _: Activity) {}
+}
+
+/// Where in the mission the computer is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Stage {
+    /// Before slot 1: connecting, checking, taking off, flying to the start.
+    Preparing,
+    /// On the way to the waypoint of a slot.
+    Flying,
+    /// At a slot's end, waiting for its channel state.
+    Measuring,
+    /// All slots done; landing.
+    Landing,
+    /// On the ground after a whole mission.
+    Completed,
+    /// The mission was broken off; the autopilot's phase, fault and events say why.
+    Aborted,
+}
+
+/// Why a mission was broken off by this side of the autopilot client.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Fault {
+    /// The controller could not go on.
+    #[error("controller: {0}")]
+    Controller(#[from] ControllerError),
+    /// A leg could not be flown.
+    #[error("leg: {0}")]
+    Leg(#[from] LegError),
+    /// The autopilot client has no measured position.
+    #[error("no measured position")]
+    NoPosition,
+}
+
+/// A slot's end, while its channel state is awaited.
+#[derive(Clone, Copy, Debug)]
+struct Measuring<T: Scalar> {
+    since: Instant,
+    position: Position<T>,
+}
+
+/// The onboard computer.
+#[derive(Debug)]
+pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
+    settings: Settings,
+    slot_duration: Duration,
+    controller: Controller<T, P, M, J>,
+    autopilot: Autopilot<T>,
+    stage: Stage,
+    fault: Option<Fault>,
+    measuring: Option<Measuring<T>>,
+    mavlink_in: wire::Decoder,
+    mavlink_out: wire::Encoder,
+    ground_in: Decoder,
+    channel_state: Option<ChannelState<T, M, J>>,
+    arrival: Option<Arrival<T>>,
+    command: Option<SlotCommand<T, J>>,
+}
+
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
+    /// Before take-off, with nothing heard from either side.
+    pub fn new(
+        settings: Settings,
+        controller: Controller<T, P, M, J>,
+        autopilot: Autopilot<T>,
+    ) -> Self {
+        let slot_duration_s = controller.mission().parameters().slot_duration_s;
+        Self {
+            settings,
+            slot_duration: Duration::from_secs_f64(slot_duration_s.to_f64()),
+            controller,
+            mavlink_out: wire::Encoder::new(autopilot.settings().own),
+            autopilot,
+            stage: Stage::Preparing,
+            fault: None,
+            measuring: None,
+            mavlink_in: wire::Decoder::new(),
+            ground_in: Decoder::new(),
+            channel_state: None,
+            arrival: None,
+            command: None,
+        }
+    }
+
+    /// Where in the mission we are.
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Why this side broke the mission off, if it did.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// The controller, to look at.
+    pub fn controller(&self) -> &Controller<T, P, M, J> {
+        &self.controller
+    }
+
+    /// The MAVLink client, to look at.
+    pub fn autopilot(&self) -> &Autopilot<T> {
+        &self.autopilot
+    }
+
+    /// The MAVLink client: to launch, to stop, to take its events.
+    pub fn autopilot_mut(&mut self) -> &mut Autopilot<T> {
+        &mut self.autopilot
+    }
+
+    /// What came over the ground link.
+    pub fn ground_counters(&self) -> &LinkCounters {
+        self.ground_in.counters()
+    }
+
+    /// What came over MAVLink.
+    pub fn mavlink_counters(&self) -> wire::Counters {
+        self.mavlink_in.counters()
+    }
+
+    /// When [`poll`](Self::poll) next has something to do, if nothing is received before.
+    pub fn poll_at(&self, now: Instant) -> Instant {
+        let next = self.autopilot.poll_at(now);
+        match &self.measuring {
+            Some(measuring) => next.min(measuring.since + self.settings.channel_patience),
+            None => next,
+        }
+    }
+
+    /// Takes bytes from the autopilot's link. With `datagram`, they are one: a truncated frame
+    /// at its end is given up.
+    pub fn receive_mavlink(&mut self, now: Instant, bytes: &[u8], datagram: bool) {
+        let mut input = bytes;
+        while let Some(frame) = self.mavlink_in.next_frame(&mut input) {
+            // A value outside an enumeration is no message; the stream goes on.
+            if let Ok(message) = frame.message() {
+                self.autopilot.receive(now, frame.sender(), &message);
+            }
+        }
+        while datagram && let Some(frame) = self.mavlink_in.end_of_datagram() {
+            if let Ok(message) = frame.message() {
+                self.autopilot.receive(now, frame.sender(), &message);
+            }
+        }
+    }
+
+    /// The next frame for the autopilot; call until `None` after every [`poll`](Self::poll).
+    pub fn take_mavlink_frame<'b>(
+        &mut self,
+        now: Instant,
+        buffer: &'b mut FrameBuffer,
+    ) -> Option<&'b [u8]> {
+        let message = self.autopilot.poll(now)?;
+        Some(self.mavlink_out.encode(&message, buffer))
+    }
+
+    /// Takes bytes from the ground link.
+    pub fn receive_ground(&mut self, now: Instant, bytes: &[u8]) {
+        for &byte in bytes {
+            if let Some(Ok(message)) = self.ground_in.push(byte) {
+                self.autopilot.note_ground_link(now);
+                // The other messages are ours to send; an echo of them means nothing.
+                if let Message::ChannelState(state) = message {
+                    self.channel_state = Some(state);
+                }
+            }
+        }
+    }
+
+    /// The next frame for the ground; call until `None` after every [`poll`](Self::poll).
+    /// `buffer` holds at least [`link::FRAME_MAX`] bytes.
+    pub fn take_ground_frame<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+        // A slot's command before the next slot's arrival.
+        let message: Message<T, M, J> = match self.command.take() {
+            Some(command) => Message::Command(command),
+            None => Message::Arrival(self.arrival.take()?),
+        };
+        link::encode(&message, buffer).ok()
+    }
+
+    /// Goes on as far as what came allows.
+    pub fn poll(&mut self, now: Instant, probe: &mut impl Probe) {
+        let phase = self.autopilot.phase();
+        if phase.is_final() {
+            let whole = matches!(self.stage, Stage::Landing | Stage::Completed);
+            self.stage = if whole && phase == Phase::Landed {
+                Stage::Completed
+            } else {
+                Stage::Aborted
+            };
+            return;
+        }
+        match self.stage {
+            Stage::Preparing if self.autopilot.phase() == Phase::Ready => self.begin_slot(now, probe),
+            Stage::Flying => {
+                if let Some(end) = self.autopilot.leg_ended(now) {
+                    self.end_leg(now, &end);
+                }
+            }
+            Stage::Measuring => self.measure(now, probe),
+            _ => {}
+        }
+    }
+
+    /// Plans the next slot and sets out.
+    fn begin_slot(&mut self, now: Instant, probe: &mut impl Probe) {
+        if self.controller.is_over() {
+            self.stage = Stage::Landing;
+            self.autopilot.land(now);
+            return;
+        }
+        let Some(sample) = self.autopilot.position() else {
+            self.abort(now, Fault::NoPosition);
+            return;
+        };
+        probe.begin(Activity::Plan);
+        let plan = self.controller.plan(sample.position);
+        probe.end(Activity::Plan);
+        let flown = plan.map_err(Fault::from).and_then(|plan| {
+            let leg = Leg {
+                waypoint: plan.waypoint,
+                end: now + self.slot_duration,
+            };
+            self.autopilot.fly_leg(now, leg).map_err(Fault::from)
+        });
+        match flown {
+            Ok(()) => self.stage = Stage::Flying,
+            Err(fault) => self.abort(now, fault),
+        }
+    }
+
+    /// Reports where the leg ended and waits for the channels there.
+    fn end_leg(&mut self, now: Instant, end: &LegEnd<T>) {
+        let Some(&plan) = self.controller.under_way() else {
+            return;
+        };
+        let position = end.sample.position;
+        self.arrival = Some(Arrival { plan, position });
+        // Whatever came before is about another place.
+        self.channel_state = None;
+        self.measuring = Some(Measuring {
+            since: now,
+            position,
+        });
+        self.stage = Stage::Measuring;
+    }
+
+    /// Allocates once the channel state is there, or has not come for too long.
+    fn measure(&mut self, now: Instant, probe: &mut impl Probe) {
+        let Some(measuring) = self.measuring else {
+            return;
+        };
+        let overdue = now.since(measuring.since) >= self.settings.channel_patience;
+        let state = self.channel_state.take();
+        if state.is_none() && !overdue {
+            return;
+        }
+        probe.begin(Activity::Allocate);
+        let command = match &state {
+            Some(state) => self.controller.allocate(state),
+            None => self.controller.allocate_predicted(&measuring.position),
+        };
+        probe.end(Activity::Allocate);
+        match command {
+            Ok(command) => {
+                self.command = Some(command);
+                self.measuring = None;
+                self.begin_slot(now, probe);
+            }
+            // A state about another slot or of another size: the right one may still come.
+            Err(ControllerError::WrongSlot { .. } | ControllerError::WrongSize { .. }) => {}
+            Err(error) => self.abort(now, error.into()),
+        }
+    }
+
+    fn abort(&mut self, now: Instant, fault: Fault) {
+        self.fault = Some(fault);
+        self.stage = Stage::Aborted;
+        self.measuring = None;
+        self.autopilot.land(now);
+    }
+}
