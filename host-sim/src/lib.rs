@@ -1,5 +1,6 @@
 //! The host's side.
 
+pub mod flight;
 pub mod nomographic;
 pub mod record;
 pub mod scenario;

@@ -23,6 +23,17 @@ pub struct FlightRecord {
     pub slots: Vec<SlotRecord>,
     /// Where the vehicle truly was, in time, from the start of slot 1.
     pub path: Vec<PathSample>,
+    /// What happened between the autopilot and its client, in order.
+    pub events: Vec<FlightEvent>,
+}
+
+/// Something that happened, in words.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlightEvent {
+    /// Since the client started, seconds.
+    pub time_s: f64,
+    /// What.
+    pub text: String,
 }
 
 /// The vehicle's true place at a time.

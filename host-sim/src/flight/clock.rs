@@ -1,0 +1,75 @@
+//! Time: simulated with the built-in vehicle, the clock's with any other.
+
+use std::{
+    io,
+    thread::sleep,
+    time::{Duration as WallDuration, Instant as WallInstant},
+};
+
+use firmware_core::time::{Duration, Instant};
+
+use super::peer::Peer;
+
+/// How fast time passes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// As fast as it computes. With a vehicle elsewhere: real time.
+    Max,
+    /// So many seconds of flight in a second.
+    Factor(f64),
+}
+
+impl Pace {
+    fn factor(self) -> f64 {
+        match self {
+            Self::Max => 1.0,
+            Self::Factor(factor) => factor,
+        }
+    }
+}
+
+/// One step of simulated time.
+const TICK: Duration = Duration::from_millis(10);
+
+/// The time of a flight.
+#[derive(Debug)]
+pub(super) struct Clock {
+    pace: Pace,
+    begun: WallInstant,
+    now: Instant,
+}
+
+impl Clock {
+    pub(super) fn new(pace: Pace) -> Self {
+        Self {
+            pace,
+            begun: WallInstant::now(),
+            now: Instant::ZERO,
+        }
+    }
+
+    pub(super) fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// The time that has passed on the wall, at this pace.
+    fn wall(&self) -> Instant {
+        let passed_s = self.begun.elapsed().as_secs_f64() * self.pace.factor();
+        Instant::ZERO + Duration::from_secs_f64(passed_s)
+    }
+
+    /// To the next look: a tick further, or when something came from the vehicle.
+    pub(super) fn advance(&mut self, peer: &mut Peer) -> io::Result<()> {
+        if peer.is_built_in() {
+            self.now = self.now + TICK;
+            if self.pace != Pace::Max {
+                let ahead = self.now.since(self.wall()).as_secs_f64() / self.pace.factor();
+                sleep(WallDuration::from_secs_f64(ahead));
+            }
+        } else {
+            peer.wait(WallDuration::from_millis(2))?;
+            self.now = self.wall();
+        }
+        Ok(())
+    }
+}

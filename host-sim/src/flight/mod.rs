@@ -1,0 +1,327 @@
+//! Flies a mission: world, ground link, onboard computer, MAVLink and vehicle in one loop.
+//!
+//! ```text
+//!   World <- Ground  <-- postcard frames -->  Onboard  <-- MAVLink 2 frames -->  vehicle
+//! ```
+//!
+//! Both links carry encoded bytes even when both ends live in this process. With the built-in
+//! vehicle time is simulated, in steps of 10 ms, as fast as it computes or at a pace; with any
+//! other it is the clock's.
+
+mod clock;
+mod ground;
+mod peer;
+
+use std::time::Instant as WallInstant;
+
+use firmware_core::{
+    SENSORS_MAX, USERS_MAX,
+    autopilot::{self, Autopilot, SettingsError, frames::Geodetic, wire::MAX_FRAME},
+    controller::Controller,
+    link::FRAME_MAX,
+    onboard::{Activity, Fault, Onboard, Probe, Settings, Stage},
+    policy::Policy,
+    time::Instant,
+};
+use thiserror::Error;
+
+use crate::{
+    record::{FlightEvent, FlightRecord, PathSample, SlotRecord},
+    scenario::Scenario,
+    vehicle::Profile,
+    world::World,
+};
+
+use clock::Clock;
+pub use clock::Pace;
+use ground::Ground;
+pub use peer::Peer;
+
+/// How a mission is flown.
+#[derive(Clone, Debug)]
+pub struct FlightSettings {
+    /// The policy's name, for the record.
+    pub policy: String,
+    /// Which vehicle is at the other end: sets the limits that the guidance plans with.
+    pub profile: Profile,
+    /// How fast time passes.
+    pub pace: Pace,
+    /// Of the signals.
+    pub seed: u64,
+    /// Symbols drawn in a slot for the empirical MSE.
+    pub symbols_per_slot: u32,
+}
+
+/// What happens while a mission is flown, for whoever shows it.
+pub trait Observer {
+    /// A slot is done.
+    fn slot(&mut self, slot: &SlotRecord) {
+        let _ = slot;
+    }
+    /// Something happened between the autopilot and its client.
+    fn event(&mut self, event: &FlightEvent) {
+        let _ = event;
+    }
+    /// Whether to stop: the vehicle is then landed.
+    fn wants_stop(&self) -> bool {
+        false
+    }
+}
+
+/// Watches nothing.
+impl Observer for () {}
+
+/// Why a mission was not flown to its end.
+#[derive(Debug, Error)]
+pub enum FlightError {
+    /// The client's settings do not fit the mission.
+    #[error("the mission cannot be flown: {0}")]
+    Settings(#[from] SettingsError),
+    /// The link failed.
+    #[error("link: {0}")]
+    Link(#[from] std::io::Error),
+    /// The mission was broken off.
+    #[error("broken off after {slots_done} of {slots} slots: {reason}")]
+    BrokenOff {
+        /// Slots that were done.
+        slots_done: usize,
+        /// `N`.
+        slots: u32,
+        /// What went wrong, in words.
+        reason: String,
+    },
+}
+
+/// A flight that did not reach its end still leaves a record of what it did.
+#[derive(Debug, Error)]
+#[error("{error}")]
+pub struct FailedFlight {
+    /// Why.
+    pub error: FlightError,
+    /// What was flown of it.
+    pub record: Option<Box<FlightRecord>>,
+}
+
+type HostOnboard<P> = Onboard<f64, P, USERS_MAX, SENSORS_MAX>;
+
+/// Flies `scenario` under `policy` with the vehicle at the other end of `peer`.
+///
+/// # Errors
+/// Settings that do not fit, a link that fails, a mission that was broken off.
+pub fn fly<P: Policy<f64, USERS_MAX>>(
+    scenario: &Scenario,
+    policy: P,
+    settings: &FlightSettings,
+    mut peer: Peer,
+    observer: &mut impl Observer,
+) -> Result<FlightRecord, FailedFlight> {
+    let mut flight = Flight::new(scenario, policy, settings).map_err(|error| FailedFlight {
+        error,
+        record: None,
+    })?;
+    let outcome = flight.run(&mut peer, observer);
+    let record = flight.record(scenario, settings);
+    match outcome {
+        Ok(()) => Ok(record),
+        Err(error) => Err(FailedFlight {
+            error,
+            record: Some(Box::new(record)),
+        }),
+    }
+}
+
+/// The client's settings for a mission.
+pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::Settings<f64> {
+    let p = scenario.mission.parameters();
+    autopilot::Settings {
+        limits: profile.client_limits(),
+        ..autopilot::Settings::new(map_origin(scenario), p.start, p.altitude_m, p.max_speed_mps)
+    }
+}
+
+/// Where the map's origin lies on Earth.
+pub fn map_origin(scenario: &Scenario) -> Geodetic {
+    // A scenario's origin has been checked to lie on Earth.
+    Geodetic::from_degrees(scenario.origin.latitude_deg, scenario.origin.longitude_deg)
+        .unwrap_or(Geodetic {
+            latitude_e7: 0,
+            longitude_e7: 0,
+        })
+}
+
+/// A mission under way.
+struct Flight<P> {
+    onboard: HostOnboard<P>,
+    ground: Ground,
+    clock: Clock,
+    stopwatch: Stopwatch,
+    events: Vec<FlightEvent>,
+    path: Vec<PathSample>,
+    /// When slot 1 began.
+    started: Option<Instant>,
+}
+
+impl<P: Policy<f64, USERS_MAX>> Flight<P> {
+    fn new(scenario: &Scenario, policy: P, settings: &FlightSettings) -> Result<Self, FlightError> {
+        let controller = Controller::new(scenario.mission.clone(), policy);
+        let autopilot = Autopilot::new(autopilot_settings(scenario, settings.profile))?;
+        Ok(Self {
+            onboard: Onboard::new(Settings::default(), controller, autopilot),
+            ground: Ground::new(World::new(scenario, settings.seed, settings.symbols_per_slot)),
+            clock: Clock::new(settings.pace),
+            stopwatch: Stopwatch::default(),
+            events: Vec::new(),
+            path: Vec::new(),
+            started: None,
+        })
+    }
+
+    /// Until the vehicle has landed or can no longer be flown.
+    fn run(&mut self, peer: &mut Peer, observer: &mut impl Observer) -> Result<(), FlightError> {
+        let mut stop_asked = false;
+        self.onboard.autopilot_mut().launch(self.clock.now());
+        loop {
+            let now = self.clock.now();
+            peer.step(now);
+            self.exchange(now, peer, observer)?;
+            self.note_path(now, peer);
+            self.note_events(now, observer);
+            if self.onboard.autopilot().phase().is_final() {
+                return self.verdict();
+            }
+            if !stop_asked && observer.wants_stop() {
+                stop_asked = true;
+                self.onboard.autopilot_mut().stop(now);
+            }
+            self.clock.advance(peer)?;
+        }
+    }
+
+    /// Carries frames both ways until all is said.
+    fn exchange(
+        &mut self,
+        now: Instant,
+        peer: &mut Peer,
+        observer: &mut impl Observer,
+    ) -> Result<(), FlightError> {
+        let mut mavlink = [0; MAX_FRAME];
+        let mut downlink = [0; FRAME_MAX];
+        loop {
+            let mut quiet = true;
+            while let Some(datagram) = peer.receive(now)? {
+                quiet = false;
+                self.onboard.receive_mavlink(now, &datagram, true);
+            }
+            self.onboard.poll(now, &mut self.stopwatch);
+            while let Some(frame) = self.onboard.take_mavlink_frame(now, &mut mavlink) {
+                quiet = false;
+                peer.send(now, frame)?;
+            }
+            while let Some(frame) = self.onboard.take_ground_frame(&mut downlink) {
+                quiet = false;
+                let done = self.ground.slots().len();
+                let uplink = self.ground.receive(frame, peer.true_position());
+                self.onboard.receive_ground(now, &uplink);
+                for slot in self.ground.slots_mut().iter_mut().skip(done) {
+                    self.stopwatch.note(slot);
+                    observer.slot(slot);
+                }
+            }
+            if quiet {
+                return Ok(());
+            }
+        }
+    }
+
+    /// The vehicle's path from the start of slot 1 to the end of slot N.
+    fn note_path(&mut self, now: Instant, peer: &Peer) {
+        if !matches!(self.onboard.stage(), Stage::Flying | Stage::Measuring) {
+            return;
+        }
+        let started = *self.started.get_or_insert(now);
+        let measured = self.onboard.autopilot().position();
+        let place = peer.true_position().map(|position| (position, peer.altitude_m()));
+        let measured = measured.map(|sample| (sample.position, Some(sample.altitude_m)));
+        if let Some((position, altitude_m)) = place.or(measured) {
+            self.path.push(PathSample {
+                time_s: now.since(started).as_secs_f64(),
+                position,
+                altitude_m: altitude_m.unwrap_or_default(),
+            });
+        }
+    }
+
+    fn note_events(&mut self, now: Instant, observer: &mut impl Observer) {
+        while let Some(event) = self.onboard.autopilot_mut().take_next_event() {
+            let event = FlightEvent {
+                time_s: now.since(Instant::ZERO).as_secs_f64(),
+                text: event.to_string(),
+            };
+            observer.event(&event);
+            self.events.push(event);
+        }
+    }
+
+    fn verdict(&self) -> Result<(), FlightError> {
+        if self.onboard.stage() == Stage::Completed {
+            return Ok(());
+        }
+        let autopilot = self.onboard.autopilot();
+        let fault = self.onboard.fault().map(|fault: Fault| fault.to_string());
+        let cause = autopilot.fault().map(|cause| cause.to_string());
+        Err(FlightError::BrokenOff {
+            slots_done: self.ground.slots().len(),
+            slots: self.onboard.controller().mission().slots(),
+            reason: fault
+                .or(cause)
+                .unwrap_or_else(|| autopilot.phase().to_string()),
+        })
+    }
+
+    fn record(self, scenario: &Scenario, settings: &FlightSettings) -> FlightRecord {
+        FlightRecord {
+            scenario: scenario.clone(),
+            policy: settings.policy.clone(),
+            inner: "exact".into(),
+            profile: settings.profile.name().into(),
+            seed: settings.seed,
+            slots: self.ground.into_slots(),
+            path: self.path,
+            events: self.events,
+        }
+    }
+}
+
+/// Measures the two computations of each slot.
+#[derive(Debug, Default)]
+struct Stopwatch {
+    begun: Option<WallInstant>,
+    plan_us: Vec<f64>,
+    allocate_us: Vec<f64>,
+}
+
+impl Stopwatch {
+    /// Writes a slot's two times into its record.
+    fn note(&self, slot: &mut SlotRecord) {
+        let index = slot.slot as usize - 1;
+        slot.plan_us = self.plan_us.get(index).copied().unwrap_or_default();
+        slot.allocate_us = self.allocate_us.get(index).copied().unwrap_or_default();
+    }
+}
+
+impl Probe for Stopwatch {
+    fn begin(&mut self, _: Activity) {
+        self.begun = Some(WallInstant::now());
+    }
+
+    fn end(&mut self, activity: Activity) {
+        let Some(begun) = self.begun.take() else {
+            return;
+        };
+        let micros = begun.elapsed().as_secs_f64() * 1e6;
+        match activity {
+            Activity::Plan => self.plan_us.push(micros),
+            Activity::Allocate => self.allocate_us.push(micros),
+        }
+    }
+}
