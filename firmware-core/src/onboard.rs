@@ -259,7 +259,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             return;
         }
         match self.stage {
-            Stage::Preparing if self.autopilot.phase() == Phase::Ready => self.begin_slot(now, probe),
+            Stage::Preparing if self.autopilot.phase() == Phase::Ready => {
+                self.begin_slot(now, probe)
+            }
             Stage::Flying => {
                 if let Some(end) = self.autopilot.leg_ended(now) {
                     self.end_leg(now, &end);

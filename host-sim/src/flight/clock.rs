@@ -61,7 +61,7 @@ impl Clock {
     /// To the next look: a tick further, or when something came from the vehicle.
     pub(super) fn advance(&mut self, peer: &mut Peer) -> io::Result<()> {
         if peer.is_built_in() {
-            self.now = self.now + TICK;
+            self.now += TICK;
             if self.pace != Pace::Max {
                 let ahead = self.now.since(self.wall()).as_secs_f64() / self.pace.factor();
                 sleep(WallDuration::from_secs_f64(ahead));

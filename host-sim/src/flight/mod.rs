@@ -142,11 +142,12 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
 /// Where the map's origin lies on Earth.
 pub fn map_origin(scenario: &Scenario) -> Geodetic {
     // A scenario's origin has been checked to lie on Earth.
-    Geodetic::from_degrees(scenario.origin.latitude_deg, scenario.origin.longitude_deg)
-        .unwrap_or(Geodetic {
+    Geodetic::from_degrees(scenario.origin.latitude_deg, scenario.origin.longitude_deg).unwrap_or(
+        Geodetic {
             latitude_e7: 0,
             longitude_e7: 0,
-        })
+        },
+    )
 }
 
 /// A mission under way.
@@ -167,7 +168,11 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         let autopilot = Autopilot::new(autopilot_settings(scenario, settings.profile))?;
         Ok(Self {
             onboard: Onboard::new(Settings::default(), controller, autopilot),
-            ground: Ground::new(World::new(scenario, settings.seed, settings.symbols_per_slot)),
+            ground: Ground::new(World::new(
+                scenario,
+                settings.seed,
+                settings.symbols_per_slot,
+            )),
             clock: Clock::new(settings.pace),
             stopwatch: Stopwatch::default(),
             events: Vec::new(),
@@ -240,7 +245,9 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         }
         let started = *self.started.get_or_insert(now);
         let measured = self.onboard.autopilot().position();
-        let place = peer.true_position().map(|position| (position, peer.altitude_m()));
+        let place = peer
+            .true_position()
+            .map(|position| (position, peer.altitude_m()));
         let measured = measured.map(|sample| (sample.position, Some(sample.altitude_m)));
         if let Some((position, altitude_m)) = place.or(measured) {
             self.path.push(PathSample {
