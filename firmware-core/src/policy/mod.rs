@@ -4,9 +4,11 @@
 //! with an [`Action`]: a displacement and a score per user. It may be wrong in any way: the
 //! [shield](crate::shield) makes every action admissible.
 //!
-//! Here are the two rule-based policies of the paper's comparisons; learned ones run through
-//! the same trait.
+//! Here are the two rule-based policies of the paper's comparisons, and trained ones: [`mlp`] runs
+//! anywhere, from a `.policy` file.
 
+pub mod mlp;
+mod provenance;
 mod rules;
 
 use heapless::Vec;
@@ -14,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::scalar::{Displacement, Position, Scalar};
 
+pub use provenance::{Misfit, Provenance};
 pub use rules::{FixedPosition, StraightLine};
 
 /// What is known when slot `n` is planned: the state after slot `n - 1`.
