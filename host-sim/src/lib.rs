@@ -1,6 +1,8 @@
 //! The host's side.
 
 pub mod flight;
+pub mod interrupt;
+pub mod link;
 pub mod nomographic;
 pub mod record;
 pub mod scenario;

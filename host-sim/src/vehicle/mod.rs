@@ -12,6 +12,7 @@ mod body;
 mod endpoint;
 mod parameters;
 mod profile;
+mod serve;
 mod telemetry;
 
 use std::collections::VecDeque;
@@ -26,6 +27,7 @@ use nalgebra::Vector2;
 
 pub use body::Ability;
 pub use profile::Profile;
+pub use serve::serve;
 
 use body::{Body, Demand, Target};
 use parameters::Parameters;
@@ -211,6 +213,17 @@ impl Vehicle {
             // A value outside an enumeration: such a frame means nothing to us.
             if let Ok(message) = frame.message() {
                 self.handle(now, sender, &message);
+            }
+        }
+        self.decoder = decoder;
+    }
+
+    /// The datagram is over: a frame that is not whole never will be.
+    pub fn end_of_datagram(&mut self, now: Instant) {
+        let mut decoder = std::mem::take(&mut self.decoder);
+        while let Some(frame) = decoder.end_of_datagram() {
+            if let Ok(message) = frame.message() {
+                self.handle(now, frame.sender(), &message);
             }
         }
         self.decoder = decoder;

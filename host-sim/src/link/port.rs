@@ -1,0 +1,106 @@
+//! MAVLink over a link: frames in and out, checked, numbered and logged.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::io::{self, Write};
+
+use firmware_core::autopilot::wire::{Address, Counters, Decoder, Encoder, Frame, MAX_FRAME};
+use firmware_core::time::Instant;
+use mavlink::dialects::common::MavMessage;
+
+use super::Link;
+use super::tlog::TlogWriter;
+
+/// A link with a decoder, an encoder and a log.
+pub struct Port {
+    link: Box<dyn Link>,
+    decoder: Decoder,
+    encoder: Encoder,
+    log: Option<TlogWriter<Box<dyn Write + Send>>>,
+    received: VecDeque<(Address, MavMessage)>,
+    piece: Vec<u8>,
+}
+
+impl fmt::Debug for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Port")
+            .field("link", &self.link)
+            .field("counters", &self.decoder.counters())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Port {
+    /// Speaks as `own` over `link`.
+    pub fn new(link: Box<dyn Link>, own: Address) -> Self {
+        Self {
+            link,
+            decoder: Decoder::new(),
+            encoder: Encoder::new(own),
+            log: None,
+            received: VecDeque::new(),
+            piece: Vec::new(),
+        }
+    }
+
+    /// Logs every frame from now on, sent or received.
+    pub fn log_to(&mut self, log: TlogWriter<Box<dyn Write + Send>>) {
+        self.log = Some(log);
+    }
+
+    /// What went by.
+    pub fn counters(&self) -> Counters {
+        self.decoder.counters()
+    }
+
+    /// Sends a message; false if the link is down and dropped it.
+    pub fn send(&mut self, now: Instant, message: &MavMessage) -> io::Result<bool> {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = self.encoder.encode(message, &mut buffer);
+        if let Some(log) = &mut self.log {
+            log.record(now, frame)?;
+        }
+        self.link.send(frame)
+    }
+
+    /// The next message. If none is there, waits at most `timeout` for bytes. A frame whose
+    /// content makes no sense (a value outside an enumeration) is logged and skipped.
+    pub fn receive(
+        &mut self,
+        now: Instant,
+        timeout: std::time::Duration,
+    ) -> io::Result<Option<(Address, MavMessage)>> {
+        if self.received.is_empty() && self.link.receive(&mut self.piece, timeout)? {
+            let mut bytes = &self.piece[..];
+            while let Some(frame) = self.decoder.next_frame(&mut bytes) {
+                take(frame, now, &mut self.log, &mut self.received)?;
+            }
+            if self.link.is_datagram() {
+                while let Some(frame) = self.decoder.end_of_datagram() {
+                    take(frame, now, &mut self.log, &mut self.received)?;
+                }
+            }
+        }
+        Ok(self.received.pop_front())
+    }
+
+    /// Writes out the log.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.log.as_mut().map_or(Ok(()), TlogWriter::flush)
+    }
+}
+
+fn take(
+    frame: Frame<'_>,
+    now: Instant,
+    log: &mut Option<TlogWriter<Box<dyn Write + Send>>>,
+    received: &mut VecDeque<(Address, MavMessage)>,
+) -> io::Result<()> {
+    if let Some(log) = log {
+        log.record(now, frame.bytes())?;
+    }
+    if let Ok(message) = frame.message() {
+        received.push_back((frame.sender(), message));
+    }
+    Ok(())
+}

@@ -1,0 +1,144 @@
+//! TCP to a server that may come and go.
+
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+use super::{BackOff, HostPort, Link, PIECE, is_idle};
+
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// A connection that is made when it is needed, and again when it broke.
+#[derive(Debug)]
+pub(super) struct TcpOut {
+    to: HostPort,
+    stream: Option<TcpStream>,
+    back_off: BackOff,
+}
+
+impl TcpOut {
+    pub(super) fn open(to: &HostPort) -> Self {
+        Self {
+            to: to.clone(),
+            stream: None,
+            back_off: BackOff::new(),
+        }
+    }
+
+    fn connect(&self) -> io::Result<TcpStream> {
+        let address = (self.to.host.as_str(), self.to.port)
+            .to_socket_addrs()?
+            .next()
+            .ok_or(io::ErrorKind::NotFound)?;
+        let stream = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT)?;
+        // Setpoints are small and must not wait for company.
+        stream.set_nodelay(true)?;
+        stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+        Ok(stream)
+    }
+
+    fn connected(&mut self) -> Option<&mut TcpStream> {
+        if self.stream.is_none() && self.back_off.may_try() {
+            match self.connect() {
+                Ok(stream) => {
+                    self.stream = Some(stream);
+                    self.back_off = BackOff::new();
+                }
+                Err(_) => self.back_off.failed(),
+            }
+        }
+        self.stream.as_mut()
+    }
+
+    fn broken(&mut self) {
+        self.stream = None;
+        self.back_off.failed();
+    }
+}
+
+impl Link for TcpOut {
+    fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
+        let Some(stream) = self.connected() else {
+            return Ok(false);
+        };
+        // A frame that was sent in part cannot be taken back: the connection starts anew.
+        let sent = stream.write_all(frame).is_ok();
+        if !sent {
+            self.broken();
+        }
+        Ok(sent)
+    }
+
+    fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
+        buffer.clear();
+        let Some(stream) = self.connected() else {
+            std::thread::sleep(timeout.min(BackOff::FIRST));
+            return Ok(false);
+        };
+        stream.set_read_timeout(Some(timeout.max(Duration::from_micros(1))))?;
+        buffer.resize(PIECE, 0);
+        match stream.read(buffer) {
+            Ok(0) => {
+                buffer.clear();
+                self.broken();
+                Ok(false)
+            }
+            Ok(length) => {
+                buffer.truncate(length);
+                Ok(true)
+            }
+            Err(error) => {
+                buffer.clear();
+                if !is_idle(&error) {
+                    self.broken();
+                }
+                Ok(false)
+            }
+        }
+    }
+
+    fn is_datagram(&self) -> bool {
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+    use std::time::Instant;
+
+    use super::*;
+
+    fn receive_until(link: &mut TcpOut, wanted: &[u8]) {
+        let begin = Instant::now();
+        let mut got = Vec::new();
+        let mut buffer = Vec::new();
+        while got != wanted {
+            assert!(begin.elapsed() < Duration::from_secs(20), "got {got:?}");
+            if link
+                .receive(&mut buffer, Duration::from_millis(20))
+                .unwrap()
+            {
+                got.extend_from_slice(&buffer);
+            }
+        }
+    }
+
+    #[test]
+    fn it_connects_late_and_again() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let host = "127.0.0.1".into();
+        let mut link = TcpOut::open(&HostPort { host, port });
+        let server = std::thread::spawn(move || {
+            for word in [b"one", b"two"] {
+                let (mut stream, _) = listener.accept().unwrap();
+                stream.write_all(word).unwrap();
+            } // and hangs up
+        });
+        receive_until(&mut link, b"one");
+        receive_until(&mut link, b"two");
+        server.join().unwrap();
+    }
+}

@@ -1,0 +1,228 @@
+//! UDP: one datagram per frame, both ways.
+
+use std::io;
+use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::time::{Duration, Instant};
+
+use super::{HostPort, Link, PIECE, is_idle};
+
+/// Somebody who was not heard for this long is no longer answered.
+const PEER_TIMEOUT: Duration = Duration::from_secs(30);
+/// Ground stations and clients that are answered at once.
+const PEERS: usize = 8;
+
+fn resolve(at: &HostPort) -> io::Result<SocketAddr> {
+    let mut found = (at.host.as_str(), at.port)
+        .to_socket_addrs()
+        .map_err(|error| io::Error::new(error.kind(), format!("{at}: {error}")))?;
+    found
+        .next()
+        .ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, format!("{at}: no address")))
+}
+
+/// Waits for a datagram; `Ok(None)` if none came, or a peer is not there (any more): on UDP
+/// that is told by an error of the *next* call.
+fn receive_datagram(
+    socket: &UdpSocket,
+    buffer: &mut Vec<u8>,
+    timeout: Duration,
+) -> io::Result<Option<SocketAddr>> {
+    // A zero time-out would mean to wait for ever.
+    socket.set_read_timeout(Some(timeout.max(Duration::from_micros(1))))?;
+    buffer.resize(PIECE, 0);
+    match socket.recv_from(buffer) {
+        Ok((length, from)) => {
+            buffer.truncate(length);
+            Ok(Some(from))
+        }
+        Err(error) => {
+            buffer.clear();
+            let absent = matches!(
+                error.kind(),
+                io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset
+            );
+            if is_idle(&error) || absent {
+                Ok(None)
+            } else {
+                Err(error)
+            }
+        }
+    }
+}
+
+fn send_datagram(socket: &UdpSocket, frame: &[u8], to: SocketAddr) -> io::Result<bool> {
+    match socket.send_to(frame, to) {
+        Ok(_) => Ok(true),
+        // Full buffers, or nobody there: the frame is lost, as any datagram may be.
+        Err(error)
+            if is_idle(&error)
+                || matches!(
+                    error.kind(),
+                    io::ErrorKind::ConnectionRefused
+                        | io::ErrorKind::ConnectionReset
+                        | io::ErrorKind::HostUnreachable
+                        | io::ErrorKind::NetworkUnreachable
+                ) =>
+        {
+            Ok(false)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Sends to one place; takes answers from there only.
+#[derive(Debug)]
+pub(super) struct UdpOut {
+    socket: UdpSocket,
+    to: SocketAddr,
+}
+
+impl UdpOut {
+    pub(super) fn open(to: &HostPort) -> io::Result<Self> {
+        let to = resolve(to)?;
+        let any: SocketAddr = if to.is_ipv4() {
+            ([0, 0, 0, 0], 0).into()
+        } else {
+            ([0u16; 8], 0).into()
+        };
+        let socket = UdpSocket::bind(any)?;
+        Ok(Self { socket, to })
+    }
+}
+
+impl Link for UdpOut {
+    fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
+        send_datagram(&self.socket, frame, self.to)
+    }
+
+    fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
+        match receive_datagram(&self.socket, buffer, timeout)? {
+            Some(from) if from == self.to => Ok(true),
+            _ => {
+                buffer.clear();
+                Ok(false)
+            }
+        }
+    }
+
+    fn is_datagram(&self) -> bool {
+        true
+    }
+}
+
+/// Listens; answers everyone who was heard lately, so that a ground station can watch beside.
+#[derive(Debug)]
+pub(super) struct UdpIn {
+    socket: UdpSocket,
+    peers: Vec<(SocketAddr, Instant)>,
+}
+
+impl UdpIn {
+    pub(super) fn open(at: &HostPort) -> io::Result<Self> {
+        let address = resolve(at)?;
+        let socket = UdpSocket::bind(address).map_err(|error| {
+            io::Error::new(error.kind(), format!("cannot listen at udp {at}: {error}"))
+        })?;
+        Ok(Self {
+            socket,
+            peers: Vec::new(),
+        })
+    }
+
+    fn heard(&mut self, from: SocketAddr) {
+        let now = Instant::now();
+        self.peers
+            .retain(|(peer, heard)| *peer != from && now - *heard < PEER_TIMEOUT);
+        if self.peers.len() == PEERS {
+            self.peers.remove(0); // the one that was silent longest
+        }
+        self.peers.push((from, now));
+    }
+}
+
+impl Link for UdpIn {
+    fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
+        let mut sent = false;
+        for (peer, _) in &self.peers {
+            sent |= send_datagram(&self.socket, frame, *peer)?;
+        }
+        Ok(sent)
+    }
+
+    fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
+        let from = receive_datagram(&self.socket, buffer, timeout)?;
+        if let Some(from) = from {
+            self.heard(from);
+        }
+        Ok(from.is_some())
+    }
+
+    fn is_datagram(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pair() -> (UdpIn, UdpOut) {
+        // Port 0 lets the system choose a free one.
+        let local = HostPort {
+            host: "127.0.0.1".into(),
+            port: 0,
+        };
+        let inward = UdpIn::open(&local).unwrap();
+        let port = inward.socket.local_addr().unwrap().port();
+        let outward = UdpOut::open(&HostPort { port, ..local }).unwrap();
+        (inward, outward)
+    }
+
+    const SOON: Duration = Duration::from_millis(500);
+
+    #[test]
+    fn datagrams_go_both_ways_and_to_every_listener() {
+        let (mut inward, mut first) = pair();
+        let port = inward.socket.local_addr().unwrap().port();
+        let host = "127.0.0.1".into();
+        let mut second = UdpOut::open(&HostPort { host, port }).unwrap();
+        let mut buffer = Vec::new();
+        assert!(!inward.send(b"nobody yet").unwrap());
+        for link in [&mut first, &mut second] {
+            assert!(link.send(b"hello").unwrap());
+            assert!(inward.receive(&mut buffer, SOON).unwrap());
+            assert_eq!(buffer, b"hello");
+        }
+        assert!(inward.send(b"both").unwrap());
+        for link in [&mut first, &mut second] {
+            assert!(link.receive(&mut buffer, SOON).unwrap());
+            assert_eq!(buffer, b"both");
+        }
+    }
+
+    #[test]
+    fn nobody_there_is_no_error_and_no_wait_for_ever() {
+        let (inward, mut outward) = pair();
+        drop(inward);
+        let begin = Instant::now();
+        let mut buffer = Vec::new();
+        for _ in 0..3 {
+            outward.send(b"anyone?").unwrap();
+            let wait = Duration::from_millis(5);
+            assert!(!outward.receive(&mut buffer, wait).unwrap());
+        }
+        assert!(!outward.receive(&mut buffer, Duration::ZERO).unwrap());
+        assert!(begin.elapsed() < Duration::from_secs(5));
+    }
+
+    #[test]
+    fn a_taken_port_is_named() {
+        let (inward, _) = pair();
+        let port = inward.socket.local_addr().unwrap().port();
+        let host = "127.0.0.1".into();
+        let error = UdpIn::open(&HostPort { host, port })
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains(&format!("127.0.0.1:{port}")), "{error}");
+    }
+}
