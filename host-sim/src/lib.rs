@@ -6,5 +6,6 @@ pub mod link;
 pub mod nomographic;
 pub mod record;
 pub mod scenario;
+pub mod solve;
 pub mod vehicle;
 pub mod world;

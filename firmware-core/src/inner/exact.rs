@@ -58,7 +58,8 @@ impl<T: Scalar> SensorField<'_, T> {
 
     /// The user signal that `Gamma` leaves room for at the peak: `(f(c*)/kappa - 1) E(c*)`.
     pub(super) fn affordable_signal(&self) -> T {
-        (self.peak.efficiency() / self.kappa - T::one()) * self.peak.energy
+        let headroom = self.peak.efficiency() / self.kappa - T::one();
+        headroom.max(T::zero()) * self.peak.energy
     }
 
     /// The least level at which the average stands a user signal `q`: the root below `c*` of

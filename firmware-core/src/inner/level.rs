@@ -81,6 +81,7 @@ pub struct SensorField<'w, T> {
     /// `sums[k]`: over the `k` weakest sensors.
     pub(super) sums: &'w [PrefixSum<T>],
     pub(super) peak: Level<T>,
+    /// `kappa` of the threshold that answers aim at: see [`SlotLimits::aim`].
     pub(super) kappa: T,
     pub(super) limits: SlotLimits<T>,
     /// `sigma`, square root of watts.
@@ -134,13 +135,18 @@ impl<'w, T: Scalar> SensorField<'w, T> {
                 sum: T::zero(),
                 energy: T::one(),
             },
-            kappa: limits.kappa(sensors),
+            kappa: limits.aim().kappa(sensors),
             limits: *limits,
             noise_amplitude,
             coefficient_max,
         };
         field.peak = field.find_peak();
         Ok(field)
+    }
+
+    /// What bounds the slot.
+    pub fn limits(&self) -> &SlotLimits<T> {
+        &self.limits
     }
 
     /// How many sensors there are.
@@ -150,7 +156,7 @@ impl<'w, T: Scalar> SensorField<'w, T> {
 
     /// Whether `Gamma` can be met at all here: `f(c*) >= kappa`.
     pub fn is_feasible(&self) -> bool {
-        self.peak.efficiency() >= self.kappa
+        self.peak.efficiency() >= self.limits.kappa(self.sensor_count())
     }
 
     /// The least MSE that these channels allow with the user silent: `(J - f(c*)) / J^2`.

@@ -1,0 +1,260 @@
+//! Slot problems as JSON lines: what `host-sim solve` does.
+//!
+//! A line in holds `sensor_gain` (array, `|h_j|^2`), `user_gain` (`|g|^2`, or `null` for nobody
+//! served), `sensor_power_max`, `user_power_max`, `noise_power` (watts) and `mse_threshold`; other
+//! keys are ignored, so that a line with known results can be replayed. A line out holds the
+//! answer, or `{"error": ".."}` with the field, its value and what would be right; one line out
+//! per line in, whatever it holds. Sensors may be as many as memory holds.
+
+use std::{
+    fmt,
+    io::{self, BufRead, Write},
+};
+
+use clap::ValueEnum;
+use firmware_core::{
+    PowerGain, Scalar, Watt, aircomp,
+    inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution, Status},
+};
+use serde::{Deserialize, Serialize};
+
+/// Which solver answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Method {
+    /// The closed form: the global optimum
+    #[default]
+    Exact,
+}
+
+/// The arithmetic of the solver.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Precision {
+    /// Double precision, as on the host
+    #[default]
+    F64,
+    /// Single precision, as on the microcontroller
+    F32,
+}
+
+/// A slot problem as written in a line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Problem {
+    /// `|h_j|^2` of every sensor.
+    pub sensor_gain: Vec<f64>,
+    /// `|g|^2` of the served user; `None` where nobody is.
+    pub user_gain: Option<f64>,
+    /// `p_b^max`, watts.
+    pub sensor_power_max: f64,
+    /// `p^max`, watts.
+    pub user_power_max: f64,
+    /// `sigma^2`, watts.
+    pub noise_power: f64,
+    /// `Gamma`.
+    pub mse_threshold: f64,
+}
+
+/// The answer to a [`Problem`], as written in a line: numbers of single precision to the last
+/// digit, so that bounds can be checked exactly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// Whether `Gamma` can be met.
+    pub feasible: bool,
+    /// `R`, bit/s/Hz; 0 where infeasible.
+    pub rate: f64,
+    /// The MSE with the powers, coefficients and `eta` below.
+    pub mse: f64,
+    /// What holds the rate back; `none` where there is no rate to hold.
+    pub limited_by: LimitedBy,
+    /// `p`, watts.
+    pub user_power: f64,
+    /// `|b_j|`, square root of watts, in the order of `sensor_gain`.
+    pub sensor_coefficients: Vec<f64>,
+    /// `eta`, one over square root of watts.
+    pub eta: f64,
+    /// The least MSE that the channels allow.
+    pub least_mse: f64,
+}
+
+/// What became of the lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Lines read.
+    pub lines: u64,
+    /// Lines that were answered with an error.
+    pub errors: u64,
+}
+
+/// Answers every line of `input` with a line in `output`.
+///
+/// # Errors
+/// Reading or writing failed. A bad line is not an error: it is answered and counted.
+pub fn run(
+    method: Method,
+    precision: Precision,
+    mut input: impl BufRead,
+    mut output: impl Write,
+) -> anyhow::Result<Tally> {
+    let mut tally = Tally::default();
+    let mut line = Vec::new();
+    while input.read_until(b'\n', &mut line)? > 0 {
+        tally.lines += 1;
+        let answered = Problem::parse(&line).and_then(|problem| match precision {
+            Precision::F64 => problem.answer::<f64>(method)?.write(&mut output),
+            Precision::F32 => problem.answer::<f32>(method)?.write(&mut output),
+        });
+        match answered {
+            Ok(()) => {}
+            Err(LineError::Output(error)) => return Err(error.into()),
+            Err(LineError::Input(error)) => {
+                tally.errors += 1;
+                serde_json::to_writer(&mut output, &serde_json::json!({ "error": error }))?;
+            }
+        }
+        output.write_all(b"\n")?;
+        line.clear();
+    }
+    output.flush()?;
+    Ok(tally)
+}
+
+/// Why a line has no answer.
+#[derive(Debug)]
+enum LineError {
+    /// What is wrong with it.
+    Input(String),
+    /// The answer could not be written.
+    Output(io::Error),
+}
+
+impl LineError {
+    fn input(problem: impl fmt::Display) -> Self {
+        Self::Input(problem.to_string())
+    }
+}
+
+impl Problem {
+    fn parse(line: &[u8]) -> Result<Self, LineError> {
+        let text = str::from_utf8(line)
+            .map_err(|error| LineError::Input(format!("the line is not UTF-8: {error}")))?
+            .trim_end();
+        if text.trim().is_empty() {
+            return Err(LineError::input(
+                "the line is empty, but must be a JSON object with sensor_gain, user_gain, \
+                 sensor_power_max, user_power_max, noise_power and mse_threshold",
+            ));
+        }
+        let mut json = serde_json::Deserializer::from_str(text);
+        let problem: Self = serde_path_to_error::deserialize(&mut json)
+            .map_err(|error| LineError::Input(explain(text, &error)))?;
+        json.end()
+            .map_err(|error| LineError::Input(format!("after the object: {error}")))?;
+        Ok(problem)
+    }
+
+    /// Solves the problem in the arithmetic `T`.
+    fn answer<T: Scalar>(&self, method: Method) -> Result<Answer, LineError> {
+        let rounded = |field: &dyn fmt::Display, value: f64| {
+            let number = T::of(value);
+            if value.is_finite() && !number.finite() {
+                let limit = T::max_value().map_or(f64::MAX, Scalar::to_f64);
+                return Err(LineError::Input(format!(
+                    "{field} is {value:e}, but this precision ends at {limit:e}"
+                )));
+            }
+            Ok(number)
+        };
+        // A bound in double precision must hold for what single precision chooses.
+        let bound = |field, value| {
+            let number: T = rounded(&field, value)?;
+            let over = number.finite() && number.to_f64() > value && value > 0.0;
+            Ok(Watt(if over { number.next_below() } else { number }))
+        };
+        let limits = SlotLimits {
+            sensor_power_max: bound("sensor_power_max", self.sensor_power_max)?,
+            user_power_max: bound("user_power_max", self.user_power_max)?,
+            noise_power: Watt(rounded(&"noise_power", self.noise_power)?),
+            mse_threshold: rounded(&"mse_threshold", self.mse_threshold)?,
+        };
+        let sensor_gains = (self.sensor_gain.iter().enumerate())
+            .map(|(index, &gain)| {
+                rounded(&format_args!("sensor_gain[{index}]"), gain).map(PowerGain)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let user_gain = match self.user_gain {
+            Some(gain) => Some(PowerGain(rounded(&"user_gain", gain)?)),
+            None => None,
+        };
+        let mut amplitude = vec![T::zero(); sensor_gains.len()];
+        let mut sums = vec![PrefixSum::default(); sensor_gains.len()];
+        let field = SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
+            .map_err(LineError::input)?;
+        let solution = match method {
+            Method::Exact => field.solve(user_gain).map_err(LineError::input)?,
+        };
+        Ok(Answer::new(&field, &solution, &sensor_gains, user_gain))
+    }
+}
+
+impl Answer {
+    fn new<T: Scalar>(
+        field: &SensorField<'_, T>,
+        solution: &Solution<T>,
+        sensor_gains: &[PowerGain<T>],
+        user_gain: Option<PowerGain<T>>,
+    ) -> Self {
+        let gains = sensor_gains.iter();
+        let coefficients: Vec<T> = gains.map(|&gain| solution.coefficient(gain)).collect();
+        let mse = aircomp::Slot {
+            sensor_gains,
+            sensor_coefficients: &coefficients,
+            user_gain: user_gain.unwrap_or_default(),
+            user_power: solution.user_power,
+            noise_power: field.limits().noise_power,
+        }
+        .mse(solution.normalizing_factor);
+        Self {
+            feasible: solution.status.is_feasible(),
+            rate: solution.rate.to_f64(),
+            mse: mse.to_f64(),
+            limited_by: match solution.status {
+                Status::Optimal { limited_by } => limited_by,
+                Status::Infeasible { .. } => LimitedBy::None,
+            },
+            user_power: solution.user_power.0.to_f64(),
+            sensor_coefficients: coefficients.into_iter().map(Scalar::to_f64).collect(),
+            eta: solution.normalizing_factor.to_f64(),
+            least_mse: field.least_mse().to_f64(),
+        }
+    }
+
+    fn write(&self, output: &mut impl Write) -> Result<(), LineError> {
+        serde_json::to_writer(output, self).map_err(|error| LineError::Output(error.into()))
+    }
+}
+
+/// What was expected where, with the text that was found.
+fn explain(text: &str, error: &serde_path_to_error::Error<serde_json::Error>) -> String {
+    let (path, cause) = (error.path().to_string(), error.inner());
+    if cause.is_data() || path == "." {
+        // Names the field itself where one is missing or has the wrong type.
+        let place = if path == "." {
+            String::new()
+        } else {
+            format!("{path}: ")
+        };
+        return format!("{place}{cause}");
+    }
+    // `NaN`, `Infinity` and the like, which JSON does not have: show the word.
+    let (ends, column) = ([',', ':', '[', ']', '{', '}', ' ', '\t'], cause.column());
+    let before = text.get(..column.saturating_sub(1)).unwrap_or(text);
+    let start = before.rfind(ends).map_or(0, |end| end + 1);
+    let found: String = (text[start..]
+        .trim_start()
+        .split(ends)
+        .next()
+        .unwrap_or_default())
+    .chars()
+    .take(24)
+    .collect();
+    format!("{path}: found `{found}`, but must be a JSON number ({cause})")
+}

@@ -1,0 +1,264 @@
+//! `solve` against reference rates from an independent conic solver, and against lines that are
+//! not slot problems.
+
+use std::{
+    fs,
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use firmware_core::{PowerGain, Watt, aircomp};
+use host_sim::solve::{Answer, Method, Precision, Problem, run};
+use serde::Deserialize;
+
+/// What is known of a reference slot.
+#[derive(Deserialize)]
+struct Known {
+    feasible: bool,
+    rate: Option<f64>,
+}
+
+fn answers(method: Method, precision: Precision, lines: &str) -> Vec<Answer> {
+    let mut output = Vec::new();
+    let tally = run(method, precision, lines.as_bytes(), &mut output).expect("memory");
+    assert_eq!(
+        (tally.lines, tally.errors),
+        (lines.lines().count() as u64, 0)
+    );
+    let output = String::from_utf8(output).expect("JSON is UTF-8");
+    let parsed = output.lines().map(serde_json::from_str);
+    parsed.collect::<Result<_, _>>().expect("answers")
+}
+
+/// MSE and rate of an answer by the printed formulas, in double precision.
+fn recomputed(problem: &Problem, answer: &Answer) -> (f64, f64) {
+    let gains: Vec<_> = problem.sensor_gain.iter().copied().map(PowerGain).collect();
+    let slot = aircomp::Slot {
+        sensor_gains: &gains,
+        sensor_coefficients: &answer.sensor_coefficients,
+        user_gain: PowerGain(problem.user_gain.unwrap_or(0.0)),
+        user_power: Watt(answer.user_power),
+        noise_power: Watt(problem.noise_power),
+    };
+    (slot.mse(answer.eta), slot.rate())
+}
+
+/// The product's promise on reference slots. What a single-precision answer says of its own MSE
+/// is rounded; what it does, recomputed in double precision, keeps the threshold.
+fn check_reference(lines: &str) {
+    for (precision, rate_tolerance, mse_rounding) in
+        [(Precision::F64, 1e-6, 1e-12), (Precision::F32, 2e-4, 4e-6)]
+    {
+        let answers = answers(Method::Exact, precision, lines);
+        let mut worst = (0.0_f64, 0.0_f64);
+        for (line, answer) in lines.lines().zip(&answers) {
+            let problem: Problem = serde_json::from_str(line).expect("a problem");
+            let known: Known = serde_json::from_str(line).expect("a result");
+            assert_eq!(answer.feasible, known.feasible, "{line}");
+            let (mse, rate) = recomputed(&problem, answer);
+            assert!(
+                (answer.mse - mse).abs() <= mse_rounding * mse,
+                "{answer:?} {line}"
+            );
+
+            let power_max = problem.sensor_power_max;
+            assert!(
+                answer
+                    .sensor_coefficients
+                    .iter()
+                    .all(|b| b * b <= power_max),
+                "{line}"
+            );
+            assert!(answer.user_power <= problem.user_power_max, "{line}");
+            match known.rate {
+                Some(reference) => {
+                    let error = (answer.rate - reference).abs() / reference.max(1e-12);
+                    assert!(
+                        error <= rate_tolerance,
+                        "{} {reference} {line}",
+                        answer.rate
+                    );
+                    assert!(
+                        (answer.rate - rate).abs() <= rate_tolerance * rate,
+                        "{line}"
+                    );
+                    let excess = (answer.mse.max(mse)) / problem.mse_threshold - 1.0;
+                    assert!(excess <= 1e-9, "{excess} {line}");
+                    worst = (worst.0.max(error), worst.1.max(excess));
+                }
+                None => assert!(answer.least_mse > problem.mse_threshold, "{line}"),
+            }
+        }
+        println!(
+            "{precision:?}: rate off by {:e}, MSE over by {:e}",
+            worst.0, worst.1
+        );
+    }
+}
+
+#[test]
+fn own_reference_slots() {
+    check_reference(include_str!("data/slots.jsonl"));
+}
+
+/// The whole reference lies beside the repository, or where `SLOT_REFERENCE` says.
+#[test]
+fn whole_reference_where_present() {
+    let beside =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/reference/inner_cases.jsonl");
+    let named = std::env::var_os("SLOT_REFERENCE").map(PathBuf::from);
+    let path = named.clone().unwrap_or(beside);
+    match fs::read_to_string(&path) {
+        Ok(lines) => check_reference(&lines),
+        // Past the test harness, which would swallow it.
+        Err(error) if named.is_none() => {
+            let _ = writeln!(
+                io::stderr(),
+                "SKIPPED whole_reference: {}: {error}",
+                path.display()
+            );
+        }
+        Err(error) => panic!("SLOT_REFERENCE: {}: {error}", path.display()),
+    }
+}
+
+/// One line out per line in; the message names the field, what it holds and what would be right.
+#[test]
+fn bad_lines_are_answered_and_the_rest_go_on() {
+    let good = r#"{"sensor_gain":[1e-11,2e-11],"user_gain":1e-11,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.3}"#;
+    let cases: [(&str, String, &[&str]); 15] = [
+        (
+            "NaN",
+            good.replace("2e-11", "NaN"),
+            &["sensor_gain[1]", "`NaN`", "number"],
+        ),
+        (
+            "infinite",
+            good.replace(r#"n":1e-11"#, r#"n":-Infinity"#),
+            &["user_gain", "`-Infinity`"],
+        ),
+        (
+            "too large",
+            good.replace("2e-11", "1e999"),
+            &["sensor_gain[1]", "1e999", "number"],
+        ),
+        (
+            "negative",
+            good.replace("2e-11", "-2e-11"),
+            &["sensor_gain[1] is -", "at least 0"],
+        ),
+        (
+            "negative user",
+            good.replace(r#"n":1e-11"#, r#"n":-1"#),
+            &["user_gain is -1,", "at least 0"],
+        ),
+        (
+            "empty",
+            good.replace("1e-11,2e-11", ""),
+            &["sensor_gain is empty", "at least one"],
+        ),
+        (
+            "text",
+            good.replace("0.05", "\"much\""),
+            &["sensor_power_max", "\"much\"", "f64"],
+        ),
+        (
+            "no array",
+            good.replace("[1e-11,2e-11]", "3"),
+            &["sensor_gain", "3", "sequence"],
+        ),
+        (
+            "missing",
+            good.replace("noise_power", "noise"),
+            &["missing field `noise_power`"],
+        ),
+        (
+            "no noise",
+            good.replace("3e-13", "0"),
+            &["noise_power is 0,", "above 0 W"],
+        ),
+        (
+            "loose",
+            good.replace(r#""mse_threshold":0.3"#, r#""mse_threshold":0.5"#),
+            &["mse_threshold is 0.5,", "below 1/J"],
+        ),
+        ("not JSON", "rate = 3".into(), &["expected value"]),
+        ("two", format!("{good} {good}"), &["after the object"]),
+        ("cut", good[..40].into(), &["EOF"]),
+        ("blank", "  ".into(), &["the line is empty", "sensor_gain"]),
+    ];
+    for precision in [Precision::F64, Precision::F32] {
+        for (name, bad, expected) in &cases {
+            let input = format!("{good}\n{bad}\n{good}\n");
+            let mut output = Vec::new();
+            let tally =
+                run(Method::Exact, precision, input.as_bytes(), &mut output).expect("memory");
+            assert_eq!((tally.lines, tally.errors), (3, 1), "{name}");
+            let output = String::from_utf8(output).expect("UTF-8");
+            let lines: Vec<serde_json::Value> = output
+                .lines()
+                .map(|line| serde_json::from_str(line).expect("JSON"))
+                .collect();
+            assert_eq!(lines.len(), 3, "{name}");
+            assert_eq!(lines[0], lines[2]);
+            assert_eq!(lines[0]["feasible"], true);
+            let error = lines[1]["error"]
+                .as_str()
+                .unwrap_or_else(|| panic!("{name}: {output}"));
+            for part in *expected {
+                assert!(error.contains(part), "{name}: {error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn bytes_that_are_no_text_cost_one_line() {
+    let mut output = Vec::new();
+    let tally = run(
+        Method::Exact,
+        Precision::F64,
+        &b"\xff\xfe\n\n{}"[..],
+        &mut output,
+    )
+    .expect("memory");
+    assert_eq!((tally.lines, tally.errors), (3, 3));
+    let output = String::from_utf8(output).expect("UTF-8");
+    assert_eq!(output.lines().count(), 3);
+    assert!(output.contains("not UTF-8"), "{output}");
+}
+
+/// A value that single precision cannot hold is named as such, and solved in double.
+#[test]
+fn single_precision_names_what_it_cannot_hold() {
+    let line = r#"{"sensor_gain":[1e-11,1e40],"user_gain":1e-11,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.3}"#;
+    let mut output = Vec::new();
+    let tally = run(Method::Exact, Precision::F32, line.as_bytes(), &mut output).expect("memory");
+    assert_eq!(tally.errors, 1);
+    let output = String::from_utf8(output).expect("UTF-8");
+    assert!(output.contains("sensor_gain[1] is 1e40"), "{output}");
+    let double = answers(Method::Exact, Precision::F64, line);
+    assert!(double[0].feasible);
+}
+
+/// More sensors than fly on board, and nobody served.
+#[test]
+fn the_host_has_no_capacity_limit() {
+    let problem = Problem {
+        sensor_gain: (1..=5000).map(|j| 1e-12 * f64::from(j)).collect(),
+        user_gain: None,
+        sensor_power_max: 0.05,
+        user_power_max: 0.2,
+        noise_power: 3e-13,
+        mse_threshold: 0.5 / 5000.0,
+    };
+    let mut line = serde_json::to_string(&problem).expect("JSON");
+    line.push('\n');
+    let silent = answers(Method::Exact, Precision::F64, &line);
+    assert!(silent[0].feasible && silent[0].rate == 0.0 && silent[0].user_power == 0.0);
+    assert!((silent[0].mse / silent[0].least_mse - 1.0).abs() < 1e-9);
+    let served = line.replace("\"user_gain\":null", "\"user_gain\":1e-11");
+    let served = answers(Method::Exact, Precision::F64, &served);
+    assert_eq!(served[0].sensor_coefficients.len(), 5000);
+    assert!(served[0].rate > 0.0);
+}
