@@ -5,6 +5,7 @@ pub mod interrupt;
 pub mod link;
 pub mod nomographic;
 pub mod record;
+pub mod report;
 pub mod scenario;
 pub mod solve;
 pub mod vehicle;

@@ -3,7 +3,10 @@
 use std::{fs, io::Write, path::PathBuf};
 
 use clap::{Args, Subcommand};
-use host_sim::scenario::{Scenario, Topology, generate};
+use host_sim::{
+    report,
+    scenario::{Scenario, Topology, generate},
+};
 
 use super::{Failure, load_scenario};
 
@@ -17,11 +20,14 @@ pub(crate) enum Command {
         /// The file, or the name of a shipped scenario: separated, mixed
         scenario: PathBuf,
     },
-    /// Draw a scenario as a map of characters, with its parameters
+    /// Draw a scenario as a map of characters with its parameters, or as a picture
     Show {
         /// The file, or the name of a shipped scenario: separated, mixed
         #[arg(default_value = "separated")]
         scenario: PathBuf,
+        /// Print the map as an SVG picture instead
+        #[arg(long)]
+        svg: bool,
     },
 }
 
@@ -73,7 +79,17 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
                 facts(&loaded)
             )?;
         }
-        Command::Show { scenario } => {
+        Command::Show {
+            scenario,
+            svg: true,
+        } => {
+            let loaded = load_scenario(&scenario)?;
+            out.write_all(report::scenario_svg(&loaded).as_bytes())?;
+        }
+        Command::Show {
+            scenario,
+            svg: false,
+        } => {
             let loaded = load_scenario(&scenario)?;
             writeln!(out, "{}", map(&loaded))?;
             writeln!(out, "{}: {}", loaded.name, facts(&loaded))?;

@@ -1,0 +1,88 @@
+//! Flights without a simulator: the onboard controller on the scenario's own channel model, a
+//! vehicle that is always where it was sent, and errors drawn with the variance that they
+//! should have.
+
+use firmware_core::{
+    controller::{ChannelState, Controller},
+    inner::{LimitedBy, Status},
+    policy::StraightLine,
+};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+
+use crate::{
+    record::{FlightRecord, PathSample, SignalRecord, SlotRecord},
+    scenario::Scenario,
+};
+
+const SYMBOLS: u32 = 334;
+
+/// The scenario flown by `straight-line`.
+pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
+    let mission = scenario.mission.clone();
+    let p = mission.parameters();
+    let mut controller = Controller::new(mission.clone(), StraightLine::new(&mission));
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
+    let mut here = p.start;
+    let mut slots = Vec::new();
+    let mut path = vec![PathSample {
+        time_s: 0.0,
+        position: here,
+        altitude_m: p.altitude_m,
+    }];
+    while !controller.is_over() {
+        let plan = controller.plan(here).expect("at rest");
+        here = plan.waypoint;
+        let state = ChannelState::predicted(&mission, plan.slot, &here);
+        let command = controller.allocate(&state).expect("under way");
+        let powers = command.sensor_coefficients.iter().map(|b| b * b);
+        let true_value = 21.0 + 2.0 * (0.07 * f64::from(plan.slot)).sin();
+        slots.push(SlotRecord {
+            slot: plan.slot,
+            planned: plan.waypoint,
+            flown: here,
+            served_user: plan.served_user,
+            user_power_w: command.user_power.0,
+            normalizing_factor: command.normalizing_factor,
+            sensor_power_mean_w: powers.sum::<f64>() / mission.sensor_count() as f64,
+            rate: command.rate,
+            mse: command.mse,
+            limited_by: match command.status {
+                Status::Optimal { limited_by } => limited_by,
+                Status::Infeasible { .. } => LimitedBy::None,
+            },
+            feasible: command.status.is_feasible(),
+            intervention: plan.intervention,
+            channel_source: command.source,
+            signals: SignalRecord {
+                empirical_mse: command.mse * (1.0 + normal() / f64::from(SYMBOLS).sqrt()),
+                symbols: SYMBOLS,
+                true_value,
+                estimate: true_value + 4.0 * command.mse.sqrt() * normal(),
+            },
+            plan_us: 2.0,
+            allocate_us: 1.0,
+        });
+        path.push(PathSample {
+            time_s: f64::from(plan.slot) * p.slot_duration_s,
+            position: here,
+            altitude_m: p.altitude_m,
+        });
+    }
+    FlightRecord {
+        scenario,
+        policy: "straight-line".into(),
+        inner: "exact".into(),
+        profile: "ideal".into(),
+        seed,
+        slots,
+        path,
+    }
+}
+
+/// The default mission.
+pub(crate) fn separated() -> FlightRecord {
+    straight_line(Scenario::shipped("separated").expect("shipped"), 1)
+}

@@ -1,0 +1,173 @@
+//! What is left of a flight for people and programs:
+//!
+//! | file | for |
+//! |---|---|
+//! | `summary.json` | scripts: [`Summary`] |
+//! | `slots.csv` | pandas: a row per slot, units in the names of the columns |
+//! | `report.html` | people: one page, no network, light and dark, fit for print |
+//! | `map.svg` | documents: the page's map by itself |
+//!
+//! `summary.json` is written last: a folder that holds one holds a whole report. Only these
+//! four files of a folder are ever touched.
+//!
+//! Users have the numbers of the scenario file and of `slots.csv`, which begin at 0; slots have
+//! the paper's, which begin at 1.
+
+mod axis;
+mod map;
+mod markup;
+mod page;
+mod placement;
+mod quantity;
+mod schedule;
+mod series;
+mod slots_csv;
+mod table;
+mod theme;
+
+#[cfg(test)]
+mod fixture;
+#[cfg(test)]
+mod tests;
+
+use std::{fs, io, path::Path};
+
+use firmware_core::inner::LimitedBy;
+
+use crate::{
+    record::{FlightRecord, SlotRecord, Summary},
+    scenario::Scenario,
+};
+
+pub use table::{Look, table};
+
+/// The file that is written last.
+const SUMMARY: &str = "summary.json";
+
+/// Makes a folder ready for a report, before the flight that is to fill it: creates it, sees
+/// that files can be written, and removes an earlier run's `summary.json`, so that it does not
+/// look complete until [`write`] is done.
+///
+/// # Errors
+/// The folder is a file, or cannot be created or written to; the message names it.
+pub fn prepare(folder: &Path) -> io::Result<()> {
+    let named = |error: io::Error| name(folder, error);
+    if folder.exists() && !folder.is_dir() {
+        let problem = io::Error::new(
+            io::ErrorKind::NotADirectory,
+            "is a file, but must be a folder to write the report into",
+        );
+        return Err(named(problem));
+    }
+    fs::create_dir_all(folder).map_err(named)?;
+    let probe = folder.join(partial(SUMMARY));
+    fs::write(&probe, "").map_err(named)?;
+    fs::remove_file(&probe).map_err(named)?;
+    match fs::remove_file(folder.join(SUMMARY)) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(named(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Writes the report of a flight into a folder, over an earlier one, and gives the summary that
+/// it wrote. All files are complete before the first takes its name.
+///
+/// # Errors
+/// As [`prepare`], and a disk that is full; files begun are removed.
+pub fn write(record: &FlightRecord, folder: &Path) -> io::Result<Summary> {
+    prepare(folder)?;
+    let summary = record.summary();
+    let mut json = serde_json::to_vec_pretty(&summary)?;
+    json.push(b'\n');
+    let files = [
+        ("slots.csv", slots_csv::csv(record)?),
+        ("map.svg", map_svg(record).into_bytes()),
+        ("report.html", html(record, &summary).into_bytes()),
+        (SUMMARY, json),
+    ];
+    let outcome = publish(folder, &files);
+    if outcome.is_err() {
+        for (file, _) in &files {
+            // Those that were not begun, or have their name already, are not there.
+            let _ = fs::remove_file(folder.join(partial(file)));
+        }
+    }
+    outcome.map(|()| summary)
+}
+
+fn publish(folder: &Path, files: &[(&str, Vec<u8>)]) -> io::Result<()> {
+    for (file, bytes) in files {
+        let path = folder.join(partial(file));
+        fs::write(&path, bytes).map_err(|error| name(&path, error))?;
+    }
+    for (file, _) in files {
+        let path = folder.join(file);
+        fs::rename(folder.join(partial(file)), &path).map_err(|error| name(&path, error))?;
+    }
+    Ok(())
+}
+
+/// What a file is called until it is whole.
+fn partial(file: &str) -> String {
+    format!(".{file}.partial")
+}
+
+/// The error with the path that it is about in front.
+fn name(path: &Path, error: io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+}
+
+/// `report.html`: one page that needs nothing else.
+pub fn html(record: &FlightRecord, summary: &Summary) -> String {
+    page::html(record, summary)
+}
+
+/// The map of a flight as a drawing that stands alone.
+pub fn map_svg(record: &FlightRecord) -> String {
+    let summary = record.summary();
+    let name = format!("{} · {}", record.scenario.name, record.policy);
+    let words = format!(
+        "{} bit/s/Hz in {}, {} of the physical limit",
+        quantity::significant(summary.sum_rate, 3),
+        quantity::count(summary.slots, "slot"),
+        quantity::percent(summary.sum_rate / summary.sum_rate_physical_limit),
+    );
+    map::draw(&record.scenario, Some(record), Some([&name, &words])).to_string()
+}
+
+/// The map of a scenario that nobody has flown, as a drawing that stands alone.
+pub fn scenario_svg(scenario: &Scenario) -> String {
+    let mission = &scenario.mission;
+    let words = format!(
+        "{}, {}, {}",
+        quantity::count(mission.user_count(), "user"),
+        quantity::count(mission.sensor_count(), "sensor"),
+        quantity::count(mission.slots() as usize, "slot"),
+    );
+    map::draw(scenario, None, Some([&scenario.name, &words])).to_string()
+}
+
+/// A slot in a line.
+fn slot_words(record: &FlightRecord, slot: &SlotRecord) -> String {
+    let held_back = match (slot.feasible, slot.limited_by) {
+        (false, _) => ", threshold out of reach",
+        (true, LimitedBy::Accuracy) => ", limited by accuracy",
+        (true, LimitedBy::Power) => ", limited by the user's power",
+        (true, LimitedBy::None) => "",
+    };
+    let shield = match slots_csv::shield(&slot.intervention) {
+        none if none == "none" => String::new(),
+        changes => format!(", shield: {}", changes.replace('_', " ")),
+    };
+    let violated = match record.violates_mse(slot) {
+        true => " (above the threshold)",
+        false => "",
+    };
+    format!(
+        "slot {}: user u{}, {} bit/s/Hz, MSE {}{violated}{held_back}{shield}",
+        slot.slot,
+        slot.served_user,
+        quantity::significant(slot.rate, 4),
+        quantity::significant(slot.mse, 4),
+    )
+}

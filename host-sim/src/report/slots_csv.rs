@@ -1,0 +1,97 @@
+//! `slots.csv`: a row per slot, units in the names of the columns. Numbers are written with as
+//! many digits as reading them back exactly takes; the two timings, which no seed fixes, are the
+//! last columns.
+
+use std::io;
+
+use firmware_core::{controller::ChannelSource, inner::LimitedBy, shield::Intervention};
+use serde::Serialize;
+
+use crate::record::{FlightRecord, SlotRecord};
+
+/// A row; the names of the fields are the names of the columns.
+#[derive(Serialize)]
+struct Row {
+    slot: u32,
+    planned_east_m: f64,
+    planned_north_m: f64,
+    flown_east_m: f64,
+    flown_north_m: f64,
+    served_user: usize,
+    user_power_w: f64,
+    sensor_power_mean_w: f64,
+    normalizing_factor: f64,
+    rate_bit_s_hz: f64,
+    mse: f64,
+    mse_threshold: f64,
+    limited_by: LimitedBy,
+    feasible: bool,
+    shield: String,
+    channel_source: ChannelSource,
+    empirical_mse: f64,
+    symbols: u32,
+    true_value: f64,
+    estimate: f64,
+    error: f64,
+    plan_us: f64,
+    allocate_us: f64,
+}
+
+/// The whole file.
+pub(super) fn csv(record: &FlightRecord) -> io::Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for slot in &record.slots {
+        writer
+            .serialize(row(record, slot))
+            .map_err(io::Error::from)?;
+    }
+    writer
+        .into_inner()
+        .map_err(|error| io::Error::other(error.to_string()))
+}
+
+fn row(record: &FlightRecord, slot: &SlotRecord) -> Row {
+    Row {
+        slot: slot.slot,
+        planned_east_m: slot.planned.x,
+        planned_north_m: slot.planned.y,
+        flown_east_m: slot.flown.x,
+        flown_north_m: slot.flown.y,
+        served_user: slot.served_user,
+        user_power_w: slot.user_power_w,
+        sensor_power_mean_w: slot.sensor_power_mean_w,
+        normalizing_factor: slot.normalizing_factor,
+        rate_bit_s_hz: slot.rate,
+        mse: slot.mse,
+        mse_threshold: record.scenario.mission.parameters().mse_threshold,
+        limited_by: slot.limited_by,
+        feasible: slot.feasible,
+        shield: shield(&slot.intervention),
+        channel_source: slot.channel_source,
+        empirical_mse: slot.signals.empirical_mse,
+        symbols: slot.signals.symbols,
+        true_value: slot.signals.true_value,
+        estimate: slot.signals.estimate,
+        error: slot.signals.error(),
+        plan_us: slot.plan_us,
+        allocate_us: slot.allocate_us,
+    }
+}
+
+/// What the shield changed: `none`, or its names joined by `+`.
+pub(super) fn shield(intervention: &Intervention) -> String {
+    let changes = [
+        (intervention.displacement, "displacement"),
+        (intervention.user, "user"),
+        (intervention.broken_output, "broken_output"),
+        (intervention.out_of_reach, "out_of_reach"),
+    ];
+    let names: Vec<&str> = changes
+        .into_iter()
+        .filter_map(|(changed, name)| changed.then_some(name))
+        .collect();
+    match names.is_empty() {
+        true => "none".into(),
+        false => names.join("+"),
+    }
+}
