@@ -79,6 +79,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
         seed,
         slots,
         path,
+        events: Vec::new(),
     }
 }
 
