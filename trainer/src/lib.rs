@@ -3,15 +3,26 @@
 //! | module | answers |
 //! |---|---|
 //! | [`settings`] | what can be set, and which of it is the paper's |
+//! | [`env`](mod@env) | the MDP, on firmware-core's own shield, channel and slot solution |
 //! | [`sac`], [`ddpg`] | how the networks learn; [`head`] is SAC's hybrid action |
 //! | [`replay`] | the memory |
 //! | [`nn`] | layers, back-propagation, Adam |
+//! | [`training`] | the loop, [`metrics`], [`tensorboard`], [`checkpoint`] |
+//! | [`actor`], [`onnx`] | the policy that results, and its files |
+//! | [`evaluate`] | what it comes to in flight |
 
 pub mod actor;
+pub mod checkpoint;
+pub mod ddpg;
 pub mod env;
+pub mod evaluate;
 pub mod head;
 pub mod learner;
+pub mod metrics;
 pub mod nn;
+pub mod onnx;
 pub mod replay;
 pub mod sac;
 pub mod settings;
+pub mod tensorboard;
+pub mod training;

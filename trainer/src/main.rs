@@ -1,1 +1,47 @@
-fn main() {}
+//! `trainer`: train, export, convert and evaluate policies.
+//!
+//! Exit codes: 0, 1 (a run failed), 2 (bad usage or bad input).
+
+mod command;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Learns the outer problem: trains policies on the onboard controller and exports them.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    about,
+    subcommand_required = true,
+    arg_required_else_help = true
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Train a policy on a scenario
+    Train(command::Train),
+    /// Write a checkpoint's best (or latest) policy as ONNX
+    Export(command::Export),
+    /// Write an ONNX policy as a .policy file for the microcontroller
+    Convert(command::Convert),
+    /// Fly a policy once, deterministically, and say what it came to
+    Evaluate(command::Evaluate),
+}
+
+fn main() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Train(train) => train.execute(),
+        Command::Export(export) => export.execute(),
+        Command::Convert(convert) => convert.execute(),
+        Command::Evaluate(evaluate) => evaluate.execute(),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}

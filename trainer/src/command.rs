@@ -1,0 +1,290 @@
+//! The command line: reads arguments, calls the library, prints.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anyhow::{Context, anyhow, ensure};
+use clap::Args;
+use firmware_core::{
+    USERS_MAX,
+    policy::{
+        Policy, StraightLine,
+        mlp::{self, Mlp},
+    },
+};
+use host_sim::scenario::Scenario;
+use trainer::{
+    checkpoint::{self, write_atomically},
+    ddpg::Ddpg,
+    evaluate::{Flight, fly},
+    learner::Learner,
+    onnx,
+    sac::Sac,
+    settings::{Algorithm, Constraints, Preset, Settings},
+    training::{CHECKPOINT, POLICY, Training, has_run},
+};
+
+/// Why a command did not succeed.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// What was asked for cannot be: exit code 2.
+    BadInput(anyhow::Error),
+    /// It was tried and failed: exit code 1.
+    Failed(anyhow::Error),
+}
+
+impl Failure {
+    /// Prints one line and gives the exit code.
+    pub(crate) fn report(self) -> ExitCode {
+        let (problem, code) = match self {
+            Self::BadInput(problem) => (problem, 2),
+            Self::Failed(problem) => (problem, 1),
+        };
+        eprintln!("error: {problem:#}");
+        ExitCode::from(code)
+    }
+}
+
+type Outcome = Result<(), Failure>;
+
+fn scenario(argument: &Path, mse_threshold: Option<f64>) -> anyhow::Result<Scenario> {
+    let shipped = argument.to_str().and_then(Scenario::shipped);
+    let scenario = match shipped {
+        Some(scenario) => scenario,
+        None => Scenario::load(argument).map_err(|error| anyhow!("{error}"))?,
+    };
+    match mse_threshold {
+        Some(threshold) => scenario
+            .with_mse_threshold(threshold)
+            .map_err(|error| anyhow!("--mse-threshold: {error}")),
+        None => Ok(scenario),
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Train {
+    /// Scenario file, or the name of a shipped one
+    #[arg(long, default_value = "separated")]
+    scenario: PathBuf,
+    /// Another MSE threshold than the scenario's
+    #[arg(long, value_name = "GAMMA")]
+    mse_threshold: Option<f64>,
+    /// What learns
+    #[arg(long, value_enum, default_value = "sac")]
+    algorithm: Algorithm,
+    /// Which values the settings start from
+    #[arg(long, value_enum, default_value = "paper")]
+    preset: Preset,
+    /// TOML file with settings that replace the preset's; names as in a run's settings.toml
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Episodes to train (paper: 4000)
+    #[arg(long)]
+    episodes: Option<u32>,
+    /// Learning rate of policy, critics and temperatures (paper: 1e-4)
+    #[arg(long)]
+    learning_rate: Option<f32>,
+    /// Discount factor (paper: 0.90)
+    #[arg(long)]
+    discount: Option<f32>,
+    /// How forbidden actions are treated
+    #[arg(long, value_enum)]
+    constraints: Option<Constraints>,
+    /// Where random numbers start: the same seed gives the same bytes
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Directory of the run [default: out/SCENARIO-ALGORITHM-SEED]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Go on from the checkpoint in the run's directory
+    #[arg(long, conflicts_with_all = ["preset", "settings", "learning_rate", "discount", "constraints"])]
+    resume: bool,
+    /// Start anew where there is a run already
+    #[arg(long, conflicts_with = "resume")]
+    overwrite: bool,
+    /// No progress bar
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl Train {
+    pub(crate) fn execute(self) -> Outcome {
+        match self.algorithm {
+            Algorithm::Sac => self.train::<Sac>(),
+            Algorithm::Ddpg => self.train::<Ddpg>(),
+        }
+    }
+
+    fn train<L: Learner>(&self) -> Outcome {
+        let (training, directory) = self.prepare::<L>().map_err(Failure::BadInput)?;
+        let progress = training.run(!self.quiet).map_err(Failure::Failed)?;
+        let best = progress.best.ok_or_else(|| {
+            Failure::Failed(anyhow!(
+                "no policy kept every constraint when it was evaluated; the latest is in {}",
+                directory.join(CHECKPOINT).display()
+            ))
+        })?;
+        println!(
+            "{} episodes; best policy (episode {}): {:.3} bit/s/Hz in {} slots; {}",
+            progress.episode,
+            best.episode,
+            best.flight.sum_rate,
+            best.flight.served_users.len(),
+            directory.join(POLICY).display()
+        );
+        Ok(())
+    }
+
+    fn prepare<L: Learner>(&self) -> anyhow::Result<(Training<L>, PathBuf)> {
+        let scenario = scenario(&self.scenario, self.mse_threshold)?;
+        let directory = self.out.clone().unwrap_or_else(|| {
+            let algorithm = self.algorithm.name();
+            PathBuf::from("out").join(format!("{}-{algorithm}-{}", scenario.name, self.seed))
+        });
+        if self.resume {
+            let training = Training::resume(scenario, directory.clone(), self.episodes)?;
+            return Ok((training, directory));
+        }
+        ensure!(
+            self.overwrite || !has_run(&directory),
+            "{} holds a run already: --resume goes on, --overwrite starts anew, --out names \
+             another directory",
+            directory.display()
+        );
+        let training = Training::start(scenario, self.collect_settings()?, directory.clone())?;
+        Ok((training, directory))
+    }
+
+    fn collect_settings(&self) -> anyhow::Result<Settings> {
+        let mut settings = Settings::preset(self.preset, self.algorithm, self.seed);
+        if let Some(path) = &self.settings {
+            let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            settings = overlay(&settings, &text).with_context(|| path.display().to_string())?;
+        }
+        if let Some(rate) = self.learning_rate {
+            settings.policy_learning_rate = rate;
+            settings.critic_learning_rate = rate;
+            settings.temperature_learning_rate = rate;
+        }
+        settings.episodes = self.episodes.unwrap_or(settings.episodes);
+        settings.discount = self.discount.unwrap_or(settings.discount);
+        settings.constraints = self.constraints.unwrap_or(settings.constraints);
+        settings.check()?;
+        Ok(settings)
+    }
+}
+
+/// The settings with those values replaced that a TOML text names.
+fn overlay(settings: &Settings, text: &str) -> anyhow::Result<Settings> {
+    let mut table = toml::Table::try_from(settings)?;
+    for (key, value) in text.parse::<toml::Table>()? {
+        table.insert(key, value);
+    }
+    Ok(table.try_into()?)
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Export {
+    /// A run's checkpoint.bin
+    checkpoint: PathBuf,
+    /// The file to write
+    #[arg(long, value_name = "FILE")]
+    onnx: PathBuf,
+    /// The latest policy instead of the best
+    #[arg(long)]
+    latest: bool,
+}
+
+impl Export {
+    pub(crate) fn execute(self) -> Outcome {
+        let progress =
+            checkpoint::read_progress(&self.checkpoint).map_err(Failure::BadInput)?;
+        let best = progress.best.filter(|_| !self.latest);
+        let actor = best.map_or(progress.latest, |best| best.actor);
+        let written = write_atomically(&self.onnx, &onnx::write(&actor));
+        let written = written.with_context(|| self.onnx.display().to_string());
+        written.map_err(Failure::Failed)
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Convert {
+    /// The policy to read
+    onnx: PathBuf,
+    /// The file to write
+    policy: PathBuf,
+}
+
+impl Convert {
+    pub(crate) fn execute(self) -> Outcome {
+        let actor = onnx::read::read(&self.onnx).map_err(Failure::BadInput)?;
+        let file = actor.to_policy_file().map_err(Failure::BadInput)?;
+        // What will be refused on board is not written.
+        Mlp::load(&file[..]).map_err(|error| Failure::BadInput(error.into()))?;
+        let written = write_atomically(&self.policy, &file);
+        let written = written.with_context(|| self.policy.display().to_string());
+        written.map_err(Failure::Failed)
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Evaluate {
+    /// A .onnx or .policy file, or `straight-line`
+    policy: PathBuf,
+    /// Scenario file, or the name of a shipped one
+    #[arg(long, default_value = "separated")]
+    scenario: PathBuf,
+    /// Another MSE threshold than the scenario's
+    #[arg(long, value_name = "GAMMA")]
+    mse_threshold: Option<f64>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Evaluate {
+    pub(crate) fn execute(self) -> Outcome {
+        let (scenario, policy) = self.load().map_err(Failure::BadInput)?;
+        let flight = fly(&scenario.mission, policy).map_err(Failure::Failed)?;
+        self.print(&flight).map_err(Failure::Failed)
+    }
+
+    fn load(&self) -> anyhow::Result<(Scenario, Box<dyn Policy<f64, USERS_MAX>>)> {
+        let scenario = scenario(&self.scenario, self.mse_threshold)?;
+        if self.policy == Path::new("straight-line") {
+            let policy = Box::new(StraightLine::new(&scenario.mission));
+            return Ok((scenario, policy));
+        }
+        let file = if self.policy.extension().is_some_and(|e| e == "onnx") {
+            onnx::read::read(&self.policy)?.to_policy_file()?
+        } else {
+            fs::read(&self.policy).with_context(|| self.policy.display().to_string())?
+        };
+        let policy: Mlp<Vec<u8>> = Mlp::load(file)
+            .map_err(|error: mlp::LoadError| anyhow!("{}: {error}", self.policy.display()))?;
+        let fits = policy.provenance().check(&scenario.mission);
+        fits.with_context(|| self.policy.display().to_string())?;
+        Ok((scenario, Box::new(policy)))
+    }
+
+    fn print(&self, flight: &Flight) -> anyhow::Result<()> {
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(flight)?);
+            return Ok(());
+        }
+        println!(
+            "sum rate {:.3} bit/s/Hz; arrived {} ({:.1} m left); fair {}; MSE violations {}; \
+             shield interventions {}",
+            flight.sum_rate,
+            flight.arrived,
+            flight.arrival_distance_m,
+            flight.fair,
+            flight.mse_violations,
+            flight.shield_interventions
+        );
+        Ok(())
+    }
+}

@@ -1,0 +1,356 @@
+//! Deep deterministic policy gradient: the paper's comparison (Sec. VI).
+//!
+//! The actor answers with the paper's (M + 2)-dimensional action, all of it deterministic and
+//! continuous: a displacement and a score per user, each squashed by `tanh`; the admissible user
+//! with the highest score is served. Networks, environment, memory and batch are those of
+//! [`crate::sac`]:
+//!
+//! ```text
+//! a_n   = clip( mu(s_n) + noise, -1, 1 ),   noise ~ N(0, sigma^2)
+//! J_Q   = mean 1/2 ( Q(s_n, a_n) - r - gamma Q'(s_{n+1}, mu'(s_{n+1})) )^2
+//! J_mu  = mean -Q(s_n, mu(s_n))
+//! theta' = tau theta + (1 - tau) theta'      for both networks
+//! ```
+
+use pulp::Arch;
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    actor::Dense,
+    learner::{Choice, Dimensions, Learner, Losses, States, fill_normal},
+    nn::{Adam, Mlp, Trace, padded, tanh},
+    replay::{Batch, Replay},
+    settings::{Algorithm, Settings},
+};
+
+/// The two networks, their targets and optimisers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    actor: Mlp,
+    critic: Mlp,
+    target_actor: Mlp,
+    target_critic: Mlp,
+    actor_adam: Adam,
+    critic_adam: Adam,
+}
+
+/// Deep deterministic policy gradient: the networks, and room to work in.
+#[derive(Debug)]
+pub struct Ddpg {
+    state: State,
+    settings: Settings,
+    dimensions: Dimensions,
+    arch: Arch,
+    batch: Batch,
+    actor: Trace,
+    critic: Trace,
+    target: Vec<f32>,
+    gradient: Vec<f32>,
+    acting: Trace,
+    noise: Vec<f32>,
+    losses: [(&'static str, f32); 3],
+}
+
+impl Learner for Ddpg {
+    const ALGORITHM: Algorithm = Algorithm::Ddpg;
+    type State = State;
+
+    fn new(settings: &Settings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self {
+        let Dimensions { users, observation } = dimensions;
+        let h = settings.hidden;
+        let action = Self::action_len(users);
+        let actor = Mlp::new(&[observation, h, h, action], rng);
+        let critic = Mlp::new(&[observation + action, h, h, 1], rng);
+        let state = State {
+            target_actor: actor.clone(),
+            target_critic: critic.clone(),
+            actor_adam: Adam::new(actor.parameters().len()),
+            critic_adam: Adam::new(critic.parameters().len()),
+            actor,
+            critic,
+        };
+        Self::resume(settings, dimensions, state)
+    }
+
+    fn resume(settings: &Settings, dimensions: Dimensions, state: State) -> Self {
+        let n = settings.batch;
+        let action = Self::action_len(dimensions.users);
+        let parameters = [&state.actor, &state.critic].map(|network| network.parameters().len());
+        Self {
+            settings: settings.clone(),
+            dimensions,
+            arch: Arch::new(),
+            batch: Batch::new(n, dimensions.observation, action),
+            actor: Trace::new(&state.actor, n),
+            critic: Trace::new(&state.critic, n),
+            target: vec![0.0; padded(n)],
+            gradient: vec![0.0; parameters[0].max(parameters[1])],
+            acting: Trace::new(&state.actor, settings.environments),
+            noise: vec![0.0; action * padded(settings.environments)],
+            losses: [("", 0.0); 3],
+            state,
+        }
+    }
+
+    fn state(&self) -> &State {
+        &self.state
+    }
+
+    fn action_len(users: usize) -> usize {
+        2 + users
+    }
+
+    fn explore(&mut self, states: &States, rng: &mut Pcg64Mcg, choices: &mut [Choice]) {
+        self.acting.input_mut().copy_from_slice(&states.observation);
+        self.state.actor.forward(self.arch, &mut self.acting);
+        fill_normal(rng, &mut self.noise);
+        for (s, choice) in choices.iter_mut().enumerate() {
+            let outputs = self.acting.output().iter().zip(&self.noise);
+            let column = outputs.skip(s).step_by(states.width);
+            let noisy = |(&u, &noise): (&f32, &f32)| {
+                (tanh(u) + self.settings.exploration_noise * noise).clamp(-1.0, 1.0)
+            };
+            choice.action.clear();
+            choice.action.extend(column.map(noisy));
+            choice.user = best_admissible(&choice.action[2..], states.admissible[s]);
+        }
+    }
+
+    fn choose_at_random(users: usize, admissible: u64, rng: &mut Pcg64Mcg, choice: &mut Choice) {
+        use rand::RngExt;
+        choice.action.clear();
+        choice
+            .action
+            .extend((0..Self::action_len(users)).map(|_| rng.random_range(-1.0_f32..1.0)));
+        choice.user = best_admissible(&choice.action[2..], admissible);
+    }
+
+    fn learn(&mut self, replay: &Replay, rng: &mut Pcg64Mcg) {
+        replay.sample(rng, &mut self.batch);
+        self.evaluate_bellman_target();
+        let critic_loss = self.update_critic();
+        let actor_loss = self.update_actor();
+        let (arch, tau) = (self.arch, self.settings.target_rate);
+        let state = &mut self.state;
+        state.target_actor.follow(arch, &state.actor, tau);
+        state.target_critic.follow(arch, &state.critic, tau);
+        let n = self.batch.len;
+        let mean_target = self.target[..n].iter().sum::<f32>() / n as f32;
+        self.losses = [
+            ("losses/qf1_loss", critic_loss),
+            ("losses/qf_target", mean_target),
+            ("losses/actor_loss", actor_loss),
+        ];
+    }
+
+    fn losses(&self) -> &Losses {
+        &self.losses
+    }
+
+    fn batch(&self) -> &Batch {
+        &self.batch
+    }
+
+    /// Scores are exported before `tanh`: the same order, and no two of them saturated alike.
+    fn deterministic(&self) -> Vec<Dense> {
+        Dense::of_network(&self.state.actor, 0..Self::action_len(self.dimensions.users))
+    }
+}
+
+fn best_admissible(scores: &[f32], admissible: u64) -> usize {
+    let mut best: Option<usize> = None;
+    for (user, &score) in scores.iter().enumerate() {
+        let admitted = admissible >> user & 1 == 1;
+        if admitted && best.is_none_or(|best| score > scores[best]) {
+            best = Some(user);
+        }
+    }
+    best.unwrap_or(0)
+}
+
+impl Ddpg {
+    /// Puts `s` into the critic's trace, and `tanh` of the actor's output as the action.
+    fn load_policy_action(critic: &mut Trace, observation: &[f32], actor: &Trace) {
+        let (states, actions) = critic.input_mut().split_at_mut(observation.len());
+        states.copy_from_slice(observation);
+        for (a, &u) in actions.iter_mut().zip(actor.output()) {
+            *a = tanh(u);
+        }
+    }
+
+    fn evaluate_bellman_target(&mut self) {
+        let observation = &self.batch.next_observation;
+        self.actor.input_mut().copy_from_slice(observation);
+        self.state.target_actor.forward(self.arch, &mut self.actor);
+        Self::load_policy_action(&mut self.critic, observation, &self.actor);
+        self.state.target_critic.forward(self.arch, &mut self.critic);
+        let value = self.critic.output();
+        for s in 0..self.batch.len {
+            let follows = self.settings.discount * self.batch.follows[s];
+            self.target[s] = self.batch.reward[s] + follows * value[s];
+        }
+    }
+
+    fn update_critic(&mut self) -> f32 {
+        let split = self.batch.observation.len();
+        let (states, actions) = self.critic.input_mut().split_at_mut(split);
+        states.copy_from_slice(&self.batch.observation);
+        actions.copy_from_slice(&self.batch.action);
+        self.state.critic.forward(self.arch, &mut self.critic);
+        let share = 1.0 / self.batch.len as f32;
+        let (value, gradient) = self.critic.loss();
+        gradient.fill(0.0);
+        let mut loss = 0.0;
+        for s in 0..self.batch.len {
+            let error = value[s] - self.target[s];
+            loss += 0.5 * error * error * share;
+            gradient[s] = error * share;
+        }
+        let critic = &mut self.state.critic;
+        let gradient = &mut self.gradient[..critic.parameters().len()];
+        critic.backward(self.arch, &mut self.critic, Some(gradient), 0..0);
+        let rate = self.settings.critic_learning_rate;
+        let adam = &mut self.state.critic_adam;
+        adam.step(self.arch, rate, critic.parameters_mut(), gradient);
+        loss
+    }
+
+    fn update_actor(&mut self) -> f32 {
+        let observation = &self.batch.observation;
+        self.actor.input_mut().copy_from_slice(observation);
+        self.state.actor.forward(self.arch, &mut self.actor);
+        Self::load_policy_action(&mut self.critic, observation, &self.actor);
+        self.state.critic.forward(self.arch, &mut self.critic);
+        let len = self.batch.len;
+        let share = 1.0 / len as f32;
+        let (value, gradient) = self.critic.loss();
+        let loss = -value[..len].iter().sum::<f32>() * share;
+        gradient.fill(0.0);
+        gradient[..len].fill(-share);
+        let start = self.dimensions.observation;
+        let end = start + Self::action_len(self.dimensions.users);
+        self.state.critic.backward(self.arch, &mut self.critic, None, start..end);
+        let (output, gradient) = self.actor.loss();
+        let slopes = output.iter().zip(self.critic.input_gradient());
+        for (gradient, (&u, slope)) in gradient.iter_mut().zip(slopes) {
+            let a = tanh(u);
+            *gradient = slope * (1.0 - a * a);
+        }
+        let actor = &mut self.state.actor;
+        let gradient = &mut self.gradient[..actor.parameters().len()];
+        actor.backward(self.arch, &mut self.actor, Some(gradient), 0..0);
+        let rate = self.settings.policy_learning_rate;
+        let adam = &mut self.state.actor_adam;
+        adam.step(self.arch, rate, actor.parameters_mut(), gradient);
+        loss
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        nn::mlp::reference::{check_gradient, forward},
+        replay::Transition,
+        settings::Preset,
+    };
+    use rand::{RngExt, SeedableRng};
+
+    const DIMENSIONS: Dimensions = Dimensions {
+        users: 3,
+        observation: 7,
+    };
+
+    fn filled() -> (Ddpg, Replay, Pcg64Mcg) {
+        let mut rng = Pcg64Mcg::seed_from_u64(17);
+        let mut settings = Settings::preset(Preset::Paper, Algorithm::Ddpg, 17);
+        (settings.batch, settings.hidden) = (13, 20);
+        let ddpg = Ddpg::new(&settings, DIMENSIONS, &mut rng);
+        let mut replay = Replay::new(100, 7, 5);
+        for i in 0..100 {
+            let numbers: Vec<f32> = (0..19).map(|_| rng.random_range(-1.0..1.0)).collect();
+            replay.push(Transition {
+                observation: &numbers[..7],
+                action: &numbers[7..12],
+                user: 0,
+                reward: numbers[0] + 2.0,
+                next_observation: &numbers[12..],
+                last: i % 5 == 0,
+                admissible: 7,
+                next_admissible: 7,
+            });
+        }
+        (ddpg, replay, rng)
+    }
+
+    fn column(matrix: &[f32], s: usize) -> Vec<f64> {
+        matrix.chunks(16).map(|row| row[s].into()).collect()
+    }
+
+    fn double(network: &Mlp) -> Vec<f64> {
+        network.parameters().iter().map(|&x| x.into()).collect()
+    }
+
+    fn value(critic: &Mlp, parameters: &[f64], state: &[f64], action: Vec<f64>) -> f64 {
+        let input: Vec<f64> = state.iter().copied().chain(action).collect();
+        forward(critic, parameters, &input)[0]
+    }
+
+    #[test]
+    fn the_critic_loss_and_its_gradient_match_finite_differences() {
+        let (mut ddpg, replay, mut rng) = filled();
+        replay.sample(&mut rng, &mut ddpg.batch);
+        ddpg.evaluate_bellman_target();
+        let (mu, q) = (&ddpg.state.target_actor, &ddpg.state.target_critic);
+        let targets: Vec<f64> = (0..13)
+            .map(|s| {
+                let next = column(&ddpg.batch.next_observation, s);
+                let action = forward(mu, &double(mu), &next).iter().map(|u| u.tanh()).collect();
+                f64::from(ddpg.batch.reward[s])
+                    + 0.9 * f64::from(ddpg.batch.follows[s]) * value(q, &double(q), &next, action)
+            })
+            .collect();
+        let critic = ddpg.state.critic.clone();
+        let loss = ddpg.update_critic();
+        let batch = &ddpg.batch;
+        let reference = |parameters: &[f64]| {
+            let error = |s: usize| {
+                let state = column(&batch.observation, s);
+                value(&critic, parameters, &state, column(&batch.action, s)) - targets[s]
+            };
+            (0..13).map(|s| 0.5 * error(s).powi(2)).sum::<f64>() / 13.0
+        };
+        assert!((f64::from(loss) - reference(&double(&critic))).abs() < 1e-5);
+        let gradient = &ddpg.gradient[..critic.parameters().len()];
+        check_gradient(critic.parameters(), gradient, 300, reference);
+    }
+
+    #[test]
+    fn the_actor_loss_and_its_gradient_match_finite_differences() {
+        let (mut ddpg, replay, mut rng) = filled();
+        replay.sample(&mut rng, &mut ddpg.batch);
+        let actor = ddpg.state.actor.clone();
+        let loss = ddpg.update_actor();
+        let critic = &ddpg.state.critic;
+        let fixed = double(critic);
+        let reference = |parameters: &[f64]| {
+            let cost = |s: usize| {
+                let state = column(&ddpg.batch.observation, s);
+                let action = forward(&actor, parameters, &state);
+                let action = action.iter().map(|u| u.tanh()).collect();
+                -value(critic, &fixed, &state, action)
+            };
+            (0..13).map(cost).sum::<f64>() / 13.0
+        };
+        assert!((f64::from(loss) - reference(&double(&actor))).abs() < 1e-5);
+        let gradient = &ddpg.gradient[..actor.parameters().len()];
+        check_gradient(actor.parameters(), gradient, 300, reference);
+    }
+
+    #[test]
+    fn the_served_user_is_the_admissible_one_with_the_highest_score() {
+        assert_eq!(best_admissible(&[0.1, 0.9, 0.5], 0b111), 1);
+        assert_eq!(best_admissible(&[0.1, 0.9, 0.5], 0b101), 2);
+    }
+}

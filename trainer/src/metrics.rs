@@ -1,0 +1,133 @@
+//! What a run logs, an episode a row.
+//!
+//! | column | meaning |
+//! |---|---|
+//! | `episode`, `global_step` | episodes and slots done |
+//! | `charts/episodic_return` | sum of rewards |
+//! | `charts/rate_reward`, `charts/trajectory_reward` | its two parts, weighted |
+//! | `charts/sum_rate` | sum of `R_n`, bit/s/Hz, with exploration |
+//! | `charts/arrived`, `charts/fair` | 1 or 0 |
+//! | `charts/mse_violations`, `charts/interventions` | slots |
+//! | `charts/eval_sum_rate` | sum of `R_n` of the deterministic policy, where it was flown |
+//! | `losses/*` | means over the episode's gradient steps; names as CleanRL's where it has them |
+//!
+//! The CSV holds nothing that depends on the clock: same seed, same bytes. TensorBoard also gets
+//! `charts/SPS`, slots per second.
+
+use std::{fmt::Write as _, io, path::Path};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    checkpoint::write_atomically,
+    env::Episode,
+    learner::Losses,
+};
+
+/// Sums of losses over an episode.
+#[derive(Clone, Debug, Default)]
+pub struct LossMeans {
+    names: Vec<&'static str>,
+    sums: Vec<f64>,
+    count: u32,
+}
+
+impl LossMeans {
+    /// Adds a gradient step's.
+    pub fn add(&mut self, losses: &Losses) {
+        if self.count == 0 {
+            self.names = losses.iter().map(|(name, _)| *name).collect();
+            self.sums = vec![0.0; losses.len()];
+        }
+        for (sum, (_, value)) in self.sums.iter_mut().zip(losses) {
+            *sum += f64::from(*value);
+        }
+        self.count += 1;
+    }
+
+    fn means(&self) -> impl Iterator<Item = (&'static str, f64)> + '_ {
+        let count = f64::from(self.count.max(1));
+        let pairs = self.names.iter().zip(&self.sums);
+        pairs.map(move |(name, sum)| (*name, sum / count))
+    }
+}
+
+/// One episode's numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Episodes done.
+    pub episode: u32,
+    /// Slots done.
+    pub global_step: u64,
+    /// Column and value.
+    pub values: Vec<(String, f64)>,
+}
+
+impl Row {
+    /// From an episode, its losses and, where there was one, its evaluation.
+    pub fn new(
+        episode: u32,
+        global_step: u64,
+        outcome: &Episode,
+        losses: &LossMeans,
+        eval_sum_rate: Option<f64>,
+    ) -> Self {
+        let charts = [
+            ("charts/episodic_return", outcome.reward),
+            ("charts/rate_reward", outcome.rate_reward),
+            ("charts/trajectory_reward", outcome.trajectory_reward),
+            ("charts/sum_rate", outcome.sum_rate),
+            ("charts/arrived", f64::from(u8::from(outcome.arrived))),
+            ("charts/fair", f64::from(u8::from(outcome.fair))),
+            ("charts/mse_violations", outcome.mse_violations.into()),
+            ("charts/interventions", outcome.interventions.into()),
+        ];
+        let evaluation = eval_sum_rate.map(|rate| (EVALUATION, rate));
+        let values = charts.into_iter().chain(evaluation).chain(losses.means());
+        Self {
+            episode,
+            global_step,
+            values: values.map(|(name, value)| (name.to_owned(), value)).collect(),
+        }
+    }
+
+    /// A column's value.
+    pub fn get(&self, column: &str) -> Option<f64> {
+        let found = self.values.iter().find(|(name, _)| name == column);
+        found.map(|(_, value)| *value)
+    }
+}
+
+/// The column of deterministic evaluations.
+pub const EVALUATION: &str = "charts/eval_sum_rate";
+
+/// Writes all rows as one CSV file; a column that a row lacks is left empty.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_csv(path: &Path, rows: &[Row]) -> io::Result<()> {
+    let mut columns: Vec<&str> = Vec::new();
+    for (name, _) in rows.iter().flat_map(|row| &row.values) {
+        if !columns.contains(&name.as_str()) {
+            columns.push(name);
+        }
+    }
+    let mut text = String::from("episode,global_step");
+    for column in &columns {
+        text.push(',');
+        text.push_str(column);
+    }
+    text.push('\n');
+    for row in rows {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{},{}", row.episode, row.global_step);
+        for column in &columns {
+            text.push(',');
+            if let Some(value) = row.get(column) {
+                let _ = write!(text, "{value}");
+            }
+        }
+        text.push('\n');
+    }
+    write_atomically(path, text.as_bytes())
+}
