@@ -94,7 +94,11 @@ impl Actor {
                 .map(|(row, &bias)| {
                     let products = row.iter().zip(&x).map(|(&w, x)| f64::from(w) * x);
                     let z = products.sum::<f64>() + f64::from(bias);
-                    if index + 1 < self.layers.len() { z.max(0.0) } else { z }
+                    if index + 1 < self.layers.len() {
+                        z.max(0.0)
+                    } else {
+                        z
+                    }
                 })
                 .collect();
         }
@@ -114,7 +118,11 @@ impl Actor {
                 offset + normalised / scale
             })
             .collect();
-        let outputs: Vec<f32> = self.evaluate(&observation).iter().map(|&x| x as f32).collect();
+        let outputs: Vec<f32> = self
+            .evaluate(&observation)
+            .iter()
+            .map(|&x| x as f32)
+            .collect();
         TestVector {
             observation,
             displacement: outputs[..2].to_vec(),
@@ -131,8 +139,9 @@ impl Actor {
             .chain(self.layers.iter().map(|layer| layer.outputs))
             .map(u16::try_from)
             .collect::<Result<Vec<_>, _>>()?;
-        let sizes = heapless::Vec::from_slice(&sizes)
-            .map_err(|_| anyhow::anyhow!("{} layers, at most {}", sizes.len() - 1, mlp::LAYERS_MAX))?;
+        let sizes = heapless::Vec::from_slice(&sizes).map_err(|_| {
+            anyhow::anyhow!("{} layers, at most {}", sizes.len() - 1, mlp::LAYERS_MAX)
+        })?;
         let header = Header {
             provenance: self.provenance.clone(),
             reach_m: self.reach_m,
@@ -141,7 +150,11 @@ impl Actor {
         let test = self.test_vector();
         let parts = [&self.normalizer.offset, &self.normalizer.scale]
             .into_iter()
-            .chain(self.layers.iter().flat_map(|layer| [&layer.weights, &layer.bias]))
+            .chain(
+                self.layers
+                    .iter()
+                    .flat_map(|layer| [&layer.weights, &layer.bias]),
+            )
             .chain([&test.observation, &test.displacement, &test.user_scores]);
         let numbers: Vec<f32> = parts.flatten().copied().collect();
         // The header's strings are bounded: 1 kB holds it.

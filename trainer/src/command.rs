@@ -200,8 +200,7 @@ pub(crate) struct Export {
 
 impl Export {
     pub(crate) fn execute(self) -> Outcome {
-        let progress =
-            checkpoint::read_progress(&self.checkpoint).map_err(Failure::BadInput)?;
+        let progress = checkpoint::read_progress(&self.checkpoint).map_err(Failure::BadInput)?;
         let best = progress.best.filter(|_| !self.latest);
         let actor = best.map_or(progress.latest, |best| best.actor);
         let written = write_atomically(&self.onnx, &onnx::write(&actor));
@@ -247,8 +246,8 @@ pub(crate) struct Evaluate {
 
 impl Evaluate {
     pub(crate) fn execute(self) -> Outcome {
-        let (scenario, policy) = self.load().map_err(Failure::BadInput)?;
-        let flight = fly(&scenario.mission, policy).map_err(Failure::Failed)?;
+        let (scenario, mut policy) = self.load().map_err(Failure::BadInput)?;
+        let flight = fly(&scenario.mission, &mut *policy).map_err(Failure::Failed)?;
         self.print(&flight).map_err(Failure::Failed)
     }
 

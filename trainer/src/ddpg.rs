@@ -154,7 +154,10 @@ impl Learner for Ddpg {
 
     /// Scores are exported before `tanh`: the same order, and no two of them saturated alike.
     fn deterministic(&self) -> Vec<Dense> {
-        Dense::of_network(&self.state.actor, 0..Self::action_len(self.dimensions.users))
+        Dense::of_network(
+            &self.state.actor,
+            0..Self::action_len(self.dimensions.users),
+        )
     }
 }
 
@@ -184,7 +187,9 @@ impl Ddpg {
         self.actor.input_mut().copy_from_slice(observation);
         self.state.target_actor.forward(self.arch, &mut self.actor);
         Self::load_policy_action(&mut self.critic, observation, &self.actor);
-        self.state.target_critic.forward(self.arch, &mut self.critic);
+        self.state
+            .target_critic
+            .forward(self.arch, &mut self.critic);
         let value = self.critic.output();
         for s in 0..self.batch.len {
             let follows = self.settings.discount * self.batch.follows[s];
@@ -202,10 +207,13 @@ impl Ddpg {
         let (value, gradient) = self.critic.loss();
         gradient.fill(0.0);
         let mut loss = 0.0;
-        for s in 0..self.batch.len {
-            let error = value[s] - self.target[s];
+        let errors = value
+            .iter()
+            .zip(&self.target)
+            .map(|(value, target)| value - target);
+        for (gradient, error) in gradient.iter_mut().zip(errors).take(self.batch.len) {
             loss += 0.5 * error * error * share;
-            gradient[s] = error * share;
+            *gradient = error * share;
         }
         let critic = &mut self.state.critic;
         let gradient = &mut self.gradient[..critic.parameters().len()];
@@ -230,7 +238,9 @@ impl Ddpg {
         gradient[..len].fill(-share);
         let start = self.dimensions.observation;
         let end = start + Self::action_len(self.dimensions.users);
-        self.state.critic.backward(self.arch, &mut self.critic, None, start..end);
+        self.state
+            .critic
+            .backward(self.arch, &mut self.critic, None, start..end);
         let (output, gradient) = self.actor.loss();
         let slopes = output.iter().zip(self.critic.input_gradient());
         for (gradient, (&u, slope)) in gradient.iter_mut().zip(slopes) {
@@ -306,7 +316,10 @@ mod tests {
         let targets: Vec<f64> = (0..13)
             .map(|s| {
                 let next = column(&ddpg.batch.next_observation, s);
-                let action = forward(mu, &double(mu), &next).iter().map(|u| u.tanh()).collect();
+                let action = forward(mu, &double(mu), &next)
+                    .iter()
+                    .map(|u| u.tanh())
+                    .collect();
                 f64::from(ddpg.batch.reward[s])
                     + 0.9 * f64::from(ddpg.batch.follows[s]) * value(q, &double(q), &next, action)
             })

@@ -18,11 +18,7 @@ use std::{fmt::Write as _, io, path::Path};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    checkpoint::write_atomically,
-    env::Episode,
-    learner::Losses,
-};
+use crate::{checkpoint::write_atomically, env::Episode, learner::Losses};
 
 /// Sums of losses over an episode.
 #[derive(Clone, Debug, Default)]
@@ -87,7 +83,9 @@ impl Row {
         Self {
             episode,
             global_step,
-            values: values.map(|(name, value)| (name.to_owned(), value)).collect(),
+            values: values
+                .map(|(name, value)| (name.to_owned(), value))
+                .collect(),
         }
     }
 

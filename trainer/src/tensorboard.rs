@@ -140,7 +140,7 @@ mod tests {
         assert_eq!(&bytes[14..27], b"brain.Event:2");
         // Check value of CRC-32C ("123456789"), then the published mask.
         assert_eq!(CRC_32C.checksum(b"123456789"), 0xe306_9283);
-        let masked = (0xe306_9283_u32 >> 15 | 0xe306_9283 << 17).wrapping_add(0xa282_ead8);
+        let masked = 0x2507_c60d_u32.wrapping_add(0xa282_ead8);
         assert_eq!(masked_crc(b"123456789"), masked);
     }
 
@@ -151,7 +151,9 @@ mod tests {
         let scalars = [("charts/episodic_return", 1.5), ("losses/qf1_loss", 0.25)];
         writer.scalars(60, scalars.into_iter()).expect("writable");
         writer.flush().expect("writable");
-        let entry = std::fs::read_dir(directory.path()).expect("readable").next();
+        let entry = std::fs::read_dir(directory.path())
+            .expect("readable")
+            .next();
         let path = entry.expect("one file").expect("readable").path();
         let mut bytes = &std::fs::read(path).expect("readable")[..];
         let mut events = Vec::new();
@@ -159,7 +161,10 @@ mod tests {
             let length = u64::from_le_bytes(bytes[..8].try_into().expect("8")) as usize;
             assert_eq!(bytes[8..12], masked_crc(&bytes[..8]).to_le_bytes());
             let data = &bytes[12..12 + length];
-            assert_eq!(bytes[12 + length..16 + length], masked_crc(data).to_le_bytes());
+            assert_eq!(
+                bytes[12 + length..16 + length],
+                masked_crc(data).to_le_bytes()
+            );
             events.push(Event::decode(data).expect("an event"));
             bytes = &bytes[16 + length..];
         }

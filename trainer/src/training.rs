@@ -87,7 +87,9 @@ impl<L: Learner> Training<L> {
         std::fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
         let settings = toml::to_string(&progress.settings)?;
         write_atomically(&directory.join("settings.toml"), settings.as_bytes())?;
-        Ok(Self::assemble(progress, learner, replay, scenario, directory))
+        Ok(Self::assemble(
+            progress, learner, replay, scenario, directory,
+        ))
     }
 
     /// Goes on from the directory's checkpoint, up to `episodes` if given.
@@ -112,9 +114,16 @@ impl<L: Learner> Training<L> {
             scenario.digest()
         );
         progress.settings.episodes = episodes.unwrap_or(progress.settings.episodes);
-        let dimensions = Environment::new(scenario.mission.clone(), &progress.settings).dimensions();
+        let dimensions =
+            Environment::new(scenario.mission.clone(), &progress.settings).dimensions();
         let learner = L::resume(&progress.settings, dimensions, saved.learner);
-        Ok(Self::assemble(progress, learner, saved.replay, scenario, directory))
+        Ok(Self::assemble(
+            progress,
+            learner,
+            saved.replay,
+            scenario,
+            directory,
+        ))
     }
 
     fn assemble(
@@ -183,7 +192,10 @@ impl<L: Learner> Training<L> {
                     &losses,
                     evaluation.filter(|_| last),
                 );
-                let scalars = row.values.iter().map(|(name, x)| (name.as_str(), *x as f32));
+                let scalars = row
+                    .values
+                    .iter()
+                    .map(|(name, x)| (name.as_str(), *x as f32));
                 let speed = [("charts/SPS", speed as f32)];
                 events.scalars(row.global_step, scalars.chain(speed))?;
                 self.progress.rows.push(row);
@@ -248,8 +260,7 @@ impl<L: Learner> Training<L> {
                     let report = self.learner.losses();
                     losses.add(report);
                     let limit = settings.loss_limit;
-                    // Written so that a NaN is found.
-                    let fault = report.iter().find(|(_, x)| !(x.abs() <= limit));
+                    let fault = report.iter().find(|(_, x)| x.is_nan() || x.abs() > limit);
                     if let Some(&(name, value)) = fault {
                         return self.diverged(name, value);
                     }

@@ -40,10 +40,9 @@ pub fn parse(bytes: &[u8]) -> anyhow::Result<Actor> {
         version == FORMAT_VERSION,
         "format_version is {version}, but this build reads {FORMAT_VERSION}"
     );
-    let mut actor = Walk::of_model(&model)?.actor(metadata.provenance()?)?;
+    let actor = Walk::of_model(&model)?.actor(metadata.provenance()?)?;
     let [observation, displacement, scores] =
-        ["test_observation", "test_displacement", "test_user_scores"]
-            .map(|key| metadata.list(key));
+        ["test_observation", "test_displacement", "test_user_scores"].map(|key| metadata.list(key));
     let (observation, displacement, scores) = (observation?, displacement?, scores?);
     let inputs = actor.normalizer.offset.len();
     ensure!(
@@ -63,10 +62,11 @@ pub fn parse(bytes: &[u8]) -> anyhow::Result<Actor> {
     for (i, (got, &expected)) in got.iter().zip(&expected).enumerate() {
         let scale = if i < 2 { actor.reach_m } else { score_scale };
         let close = (got - f64::from(expected)).abs() <= f64::from(SELF_TEST_TOLERANCE * scale);
-        ensure!(close, "self-test: output {i} is {got}, but the file expects {expected}");
+        ensure!(
+            close,
+            "self-test: output {i} is {got}, but the file expects {expected}"
+        );
     }
-    // Single precision is what the file's own arithmetic has.
-    actor.layers.shrink_to_fit();
     Ok(actor)
 }
 
@@ -75,7 +75,11 @@ struct Metadata<'m>(HashMap<&'m str, &'m str>);
 impl<'m> Metadata<'m> {
     fn of_model(model: &'m ModelProto) -> Self {
         let entries = model.metadata_props.iter();
-        Self(entries.map(|e| (e.key.as_str(), e.value.as_str())).collect())
+        Self(
+            entries
+                .map(|e| (e.key.as_str(), e.value.as_str()))
+                .collect(),
+        )
     }
 
     fn text(&self, key: &str) -> anyhow::Result<&'m str> {
@@ -98,7 +102,9 @@ impl<'m> Metadata<'m> {
 
     fn provenance(&self) -> anyhow::Result<Provenance> {
         let area = self.list("area_m")?;
-        let area_m = area[..].try_into().context("metadata_props area_m must be two numbers")?;
+        let area_m = area[..]
+            .try_into()
+            .context("metadata_props area_m must be two numbers")?;
         Ok(Provenance {
             users: self.number("users")?,
             max_speed_mps: self.number("max_speed_mps")?,
@@ -155,7 +161,10 @@ impl Walk {
             linear: None,
             reach: None,
         };
-        let named = graph.initializer.iter().map(|t| (t.name.clone(), t.clone()));
+        let named = graph
+            .initializer
+            .iter()
+            .map(|t| (t.name.clone(), t.clone()));
         let mut walk = Self {
             constants: named.collect(),
             values: HashMap::from([("observation".to_owned(), identity)]),
@@ -176,7 +185,10 @@ impl Walk {
         let reach_m = displacement
             .reach
             .context("displacement must be tanh(..) times V_max delta")?;
-        ensure!(scores.reach.is_none(), "user_scores must be linear in the last hidden layer");
+        ensure!(
+            scores.reach.is_none(),
+            "user_scores must be linear in the last hidden layer"
+        );
         ensure!(
             displacement.hidden == scores.hidden && displacement.normalizer == scores.normalizer,
             "displacement and user_scores must share their hidden layers"
@@ -209,7 +221,8 @@ impl Walk {
         let output = node.output.first().context("it has no output")?.clone();
         if node.op_type == "Constant" {
             let tensor = node.attribute.iter().find_map(|a| a.t.clone());
-            self.constants.insert(output, tensor.context("it has no tensor")?);
+            self.constants
+                .insert(output, tensor.context("it has no tensor")?);
             return Ok(());
         }
         let (position, mut branch) = self.operand(node)?;
@@ -257,8 +270,13 @@ impl Walk {
     fn operand(&self, node: &NodeProto) -> anyhow::Result<(usize, Branch)> {
         let known = |(i, name): (usize, &String)| Some((i, self.values.get(name)?.clone()));
         let mut operands = node.input.iter().enumerate().filter_map(known);
-        let first = operands.next().context("no input depends on the observation")?;
-        ensure!(operands.next().is_none(), "two inputs depend on the observation");
+        let first = operands
+            .next()
+            .context("no input depends on the observation")?;
+        ensure!(
+            operands.next().is_none(),
+            "two inputs depend on the observation"
+        );
         Ok(first)
     }
 
@@ -270,7 +288,10 @@ impl Walk {
 
     fn floats(&self, node: &NodeProto, index: usize) -> anyhow::Result<Vec<f32>> {
         let tensor = self.constant(node, index)?;
-        ensure!(tensor.data_type == FLOAT, "input {index} must be of 32-bit floats");
+        ensure!(
+            tensor.data_type == FLOAT,
+            "input {index} must be of 32-bit floats"
+        );
         if !tensor.float_data.is_empty() {
             return Ok(tensor.float_data.clone());
         }
@@ -282,7 +303,10 @@ impl Walk {
     fn slice_bounds(&self, node: &NodeProto) -> anyhow::Result<[i64; 2]> {
         let integer = |index: usize| -> anyhow::Result<i64> {
             let tensor = self.constant(node, index)?;
-            ensure!(tensor.data_type == INT64, "input {index} must be a 64-bit integer");
+            ensure!(
+                tensor.data_type == INT64,
+                "input {index} must be a 64-bit integer"
+            );
             let (words, _) = tensor.raw_data.as_chunks::<8>();
             let raw = words.iter().map(|&word| i64::from_le_bytes(word));
             let mut values = tensor.int64_data.iter().copied().chain(raw);
@@ -292,7 +316,10 @@ impl Walk {
         };
         let axis = if node.input.len() > 3 { integer(3)? } else { 0 };
         let step = if node.input.len() > 4 { integer(4)? } else { 1 };
-        ensure!((axis == 1 || axis == -1) && step == 1, "only columns can be sliced");
+        ensure!(
+            (axis == 1 || axis == -1) && step == 1,
+            "only columns can be sliced"
+        );
         Ok([integer(1)?, integer(2)?])
     }
 
@@ -305,8 +332,18 @@ impl Walk {
         };
         let (rows, columns) = (usize::try_from(rows)?, usize::try_from(columns)?);
         ensure!(values.len() == rows * columns, "input {index} is cut");
-        let (outputs, inputs) = if transposed { (rows, columns) } else { (columns, rows) };
-        let at = |o: usize, i: usize| if transposed { o * inputs + i } else { i * outputs + o };
+        let (outputs, inputs) = if transposed {
+            (rows, columns)
+        } else {
+            (columns, rows)
+        };
+        let at = |o: usize, i: usize| {
+            if transposed {
+                o * inputs + i
+            } else {
+                i * outputs + o
+            }
+        };
         let elements = (0..outputs).flat_map(|o| (0..inputs).map(move |i| (o, i)));
         Ok(Dense {
             inputs,
@@ -322,20 +359,28 @@ impl Branch {
         ensure!(self.reach.is_none(), "displacement cannot be shifted");
         if let Some(layer) = &mut self.linear {
             let values = spread(values, layer.outputs)?;
-            layer.bias.iter_mut().zip(values).for_each(|(b, x)| *b += sign * x);
+            layer
+                .bias
+                .iter_mut()
+                .zip(values)
+                .for_each(|(b, x)| *b += sign * x);
             return Ok(());
         }
         let normalizer = self.normalizer_mut()?;
         let values = spread(values, normalizer.offset.len())?;
         let rows = normalizer.offset.iter_mut().zip(&normalizer.scale);
-        rows.zip(values).for_each(|((offset, scale), x)| *offset -= sign * x / scale);
+        rows.zip(values)
+            .for_each(|((offset, scale), x)| *offset -= sign * x / scale);
         Ok(())
     }
 
     fn scale(&mut self, values: &[f32]) -> anyhow::Result<()> {
         if let Some(reach) = &mut self.reach {
             let same = values.iter().all(|x| *x == values[0]);
-            ensure!(same && !values.is_empty(), "both components must have one scale");
+            ensure!(
+                same && !values.is_empty(),
+                "both components must have one scale"
+            );
             *reach *= values[0];
             return Ok(());
         }
@@ -350,12 +395,19 @@ impl Branch {
         }
         let normalizer = self.normalizer_mut()?;
         let values = spread(values, normalizer.scale.len())?;
-        normalizer.scale.iter_mut().zip(values).for_each(|(scale, x)| *scale *= x);
+        normalizer
+            .scale
+            .iter_mut()
+            .zip(values)
+            .for_each(|(scale, x)| *scale *= x);
         Ok(())
     }
 
     fn normalizer_mut(&mut self) -> anyhow::Result<&mut Normalizer> {
-        ensure!(self.hidden.is_empty(), "only observations and outputs can be scaled");
+        ensure!(
+            self.hidden.is_empty(),
+            "only observations and outputs can be scaled"
+        );
         Ok(&mut self.normalizer)
     }
 
@@ -368,14 +420,18 @@ impl Branch {
             "it takes {} numbers, but gets {width}",
             layer.inputs
         );
-        ensure!(self.linear.is_none(), "two layers with nothing between them");
+        ensure!(
+            self.linear.is_none(),
+            "two layers with nothing between them"
+        );
         self.linear = Some(layer);
         Ok(())
     }
 
     fn relu(&mut self) -> anyhow::Result<()> {
         ensure!(self.reach.is_none(), "relu after tanh");
-        self.hidden.push(self.linear.take().context("relu of no layer")?);
+        self.hidden
+            .push(self.linear.take().context("relu of no layer")?);
         Ok(())
     }
 

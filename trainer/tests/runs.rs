@@ -1,0 +1,174 @@
+//! Whole runs through the command line: reproducible, resumable, killable, exportable.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use assert_cmd::cargo::cargo_bin;
+use firmware_core::policy::mlp::Mlp;
+use trainer::onnx;
+
+/// A small run: 24 episodes, learning from the third on.
+const SETTINGS: &str = "hidden = 32\nbatch = 16\nwarmup_slots = 120\nevaluate_every = 4\n\
+                        checkpoint_every = 4\nbuffer_capacity = 1000\n";
+
+fn train(directory: &Path, arguments: &[&str]) -> Command {
+    let settings = directory.with_extension("toml");
+    fs::write(&settings, SETTINGS).expect("writable");
+    let mut command = Command::new(cargo_bin("trainer"));
+    command
+        .args(["train", "--quiet", "--out"])
+        .arg(directory)
+        .args(arguments);
+    if !arguments.contains(&"--resume") {
+        command.arg("--settings").arg(settings);
+    }
+    command
+}
+
+fn succeed(mut command: Command) -> String {
+    let output = command.output().expect("runs");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// What must be equal between two runs.
+fn results(directory: &Path) -> [Vec<u8>; 3] {
+    ["policy.onnx", "metrics.csv", "checkpoint.bin"]
+        .map(|name| fs::read(directory.join(name)).expect("written"))
+}
+
+#[test]
+fn same_seed_same_bytes_and_another_seed_others() {
+    let home = tempfile::tempdir().expect("temporary");
+    for algorithm in ["sac", "ddpg"] {
+        let run = |name: &str, seed: &str| {
+            let directory = home.path().join(format!("{algorithm}-{name}"));
+            let arguments = ["--algorithm", algorithm, "--episodes", "12", "--seed", seed];
+            succeed(train(&directory, &arguments));
+            results(&directory)
+        };
+        let first = run("first", "5");
+        assert!(first == run("second", "5"), "{algorithm}");
+        assert!(first[0] != run("third", "6")[0], "{algorithm}");
+    }
+}
+
+/// Killed at an arbitrary moment and resumed, a run ends with the bytes of an undisturbed one.
+#[test]
+fn a_killed_run_resumes_bit_for_bit() {
+    let home = tempfile::tempdir().expect("temporary");
+    let whole = home.path().join("whole");
+    succeed(train(&whole, &["--episodes", "24"]));
+
+    let killed = home.path().join("killed");
+    let mut child = train(&killed, &["--episodes", "24"])
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("runs");
+    let checkpoint = killed.join("checkpoint.bin");
+    let patience = Instant::now() + Duration::from_secs(120);
+    while !checkpoint.exists() && Instant::now() < patience {
+        thread::sleep(Duration::from_millis(1));
+    }
+    // It may have ended by itself on a fast machine; then resuming has nothing left to do.
+    let _ = child.kill();
+    child.wait().expect("ends");
+    succeed(train(&killed, &["--resume"]));
+    assert!(results(&killed) == results(&whole));
+}
+
+/// A run of 24 episodes is a run of 8 that is resumed with 24.
+#[test]
+fn a_finished_run_can_be_prolonged() {
+    let home = tempfile::tempdir().expect("temporary");
+    let (whole, parts) = (home.path().join("whole"), home.path().join("parts"));
+    succeed(train(&whole, &["--episodes", "24"]));
+    succeed(train(&parts, &["--episodes", "8"]));
+    succeed(train(&parts, &["--resume", "--episodes", "24"]));
+    assert!(results(&parts)[..2] == results(&whole)[..2]);
+}
+
+#[test]
+fn a_damaged_checkpoint_or_another_scenario_is_refused() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    succeed(train(&directory, &["--episodes", "4"]));
+    let refused = |arguments: &[&str], expected: &str| {
+        let output = train(&directory, arguments).output().expect("runs");
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+        assert_eq!(errors.lines().count(), 1, "{errors}");
+    };
+    refused(&["--episodes", "4"], "--resume goes on");
+    refused(&["--resume", "--scenario", "mixed"], "digest");
+    refused(
+        &["--resume", "--algorithm", "ddpg"],
+        "algorithm is sac, but ddpg",
+    );
+    let path = directory.join("checkpoint.bin");
+    let mut bytes = fs::read(&path).expect("readable");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&path, bytes).expect("writable");
+    refused(&["--resume"], "it is damaged");
+}
+
+#[test]
+fn a_diverging_run_stops_and_leaves_its_batch() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    let arguments = ["--episodes", "24", "--learning-rate", "1e6"];
+    let output = train(&directory, &arguments).output().expect("runs");
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(
+        errors.contains("episode ") && errors.contains("losses/"),
+        "{errors}"
+    );
+    let batch = fs::read(directory.join("diverged.json")).expect("written");
+    let batch: serde_json::Value = serde_json::from_slice(&batch).expect("JSON");
+    assert_eq!(batch["reward"].as_array().expect("a list").len(), 16);
+}
+
+/// Export, convert, evaluate: three files, one policy.
+#[test]
+fn exported_and_converted_policies_fly_alike() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    succeed(train(&directory, &["--episodes", "8"]));
+    let (exported, converted) = (home.path().join("p.onnx"), home.path().join("p.policy"));
+    let trainer = || Command::new(cargo_bin("trainer"));
+    let mut export = trainer();
+    export
+        .arg("export")
+        .arg(directory.join("checkpoint.bin"))
+        .arg("--onnx")
+        .arg(&exported);
+    succeed(export);
+    let best = fs::read(directory.join("policy.onnx")).expect("written");
+    assert!(fs::read(&exported).expect("written") == best);
+    let mut convert = trainer();
+    convert.arg("convert").args([&exported, &converted]);
+    succeed(convert);
+    let evaluate = |policy: &Path| {
+        let mut command = trainer();
+        command.arg("evaluate").arg(policy).args(["--json"]);
+        succeed(command)
+    };
+    assert_eq!(evaluate(&exported), evaluate(&converted));
+    let report: serde_json::Value = serde_json::from_str(&evaluate(&exported)).expect("JSON");
+    assert_eq!(report["arrived"], true);
+    assert_eq!(report["fair"], true);
+
+    let actor = onnx::read::parse(&best).expect("sound");
+    let policy = Mlp::load(fs::read(&converted).expect("written")).expect("sound");
+    assert_eq!(policy.provenance(), &actor.provenance);
+    assert_eq!(actor.provenance.algorithm, "sac");
+}
