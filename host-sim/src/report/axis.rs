@@ -5,6 +5,7 @@ use super::{
     markup::{Element, element, label, line, rectangle},
     quantity, theme,
 };
+use crate::record::FlightRecord;
 
 /// The width of every figure, in its own units: about a CSS pixel each on a desktop.
 pub(super) const WIDTH: f64 = 560.0;
@@ -150,6 +151,16 @@ impl SlotAxis {
         Self {
             slots: slots.max(1),
         }
+    }
+
+    /// For all slots of a mission, those included that a flight broken off did not reach.
+    pub(super) fn of(record: &FlightRecord) -> Self {
+        Self::new(
+            record
+                .slots
+                .len()
+                .max(record.scenario.mission.slots() as usize),
+        )
     }
 
     /// How wide a slot is.

@@ -11,7 +11,7 @@ use super::{
     slot_words, theme,
 };
 use crate::{
-    record::{FlightRecord, SlotRecord},
+    record::{FlightRecord, PathSample, SlotRecord},
     scenario::Scenario,
 };
 
@@ -219,25 +219,23 @@ fn flown_path(record: &FlightRecord, projection: &Projection) -> Element {
 /// Where the vehicle was in each slot, in the drawing, each piece beginning where the last one
 /// ended. Samples closer together than can be seen are left out.
 fn pieces(record: &FlightRecord, projection: &Projection) -> Vec<Vec<[f64; 2]>> {
-    let p = record.scenario.mission.parameters();
-    let mut samples = record.path.iter().peekable();
-    let mut here = projection.of(&p.start);
+    let start = record.scenario.mission.parameters().start;
+    let ends = slot_ends(record);
+    let first = record.path.first().map_or(start, |sample| sample.position);
+    let mut here = projection.of(&first);
+    let mut from = 0;
     let mut pieces = Vec::with_capacity(record.slots.len());
-    for slot in &record.slots {
+    for (slot, end) in record.slots.iter().zip(ends) {
         let mut piece = vec![here];
-        let end_s = f64::from(slot.slot) * p.slot_duration_s;
-        // Half a microsecond: times are sums of rounded steps.
-        let mut end = here;
-        while let Some(sample) = samples.next_if(|sample| sample.time_s <= end_s + 5e-7) {
-            end = projection.of(&sample.position);
-            if (end[0] - here[0]).hypot(end[1] - here[1]) >= 0.75 {
-                piece.push(end);
-                here = end;
+        for sample in &record.path[from..end] {
+            let point = projection.of(&sample.position);
+            if (point[0] - here[0]).hypot(point[1] - here[1]) >= 0.75 {
+                piece.push(point);
+                here = point;
             }
         }
-        if record.path.is_empty() {
-            end = projection.of(&slot.flown);
-        }
+        from = end;
+        let end = projection.of(&slot.flown);
         if here != end || piece.len() == 1 {
             piece.push(end);
             here = end;
@@ -245,6 +243,34 @@ fn pieces(record: &FlightRecord, projection: &Projection) -> Vec<Vec<[f64; 2]>> 
         pieces.push(piece);
     }
     pieces
+}
+
+/// Up to where in the path each slot goes (the index of its last sample, which is the next
+/// one's first). A slot lasts `delta` and as long as the exchange of channel state takes, which
+/// is not in the record: its end is the sample nearest to where it ended, and of several such
+/// ones, as when hovering, the one nearest to its nominal duration.
+fn slot_ends(record: &FlightRecord) -> Vec<usize> {
+    let p = record.scenario.mission.parameters();
+    let path = &record.path;
+    let mut from = 0;
+    let mut ends = Vec::with_capacity(record.slots.len());
+    for slot in &record.slots {
+        let nominal_s = path.get(from).map_or(0.0, |sample| sample.time_s) + p.slot_duration_s;
+        let latest_s = nominal_s + 3.0 * p.slot_duration_s;
+        // Being 1 % of a slot late counts as much as being 0.02 % of its reach away.
+        let late_mps = 0.02 * p.max_speed_mps;
+        let misfit_m = |sample: &PathSample| {
+            (sample.position - slot.flown).norm() + late_mps * (sample.time_s - nominal_s).abs()
+        };
+        let candidates = path.iter().enumerate().skip(from);
+        from = candidates
+            .take_while(|(_, sample)| sample.time_s <= latest_s)
+            .map(|(index, sample)| (index, misfit_m(sample)))
+            .min_by(|(_, a), (_, b)| a.total_cmp(b))
+            .map_or(from, |(index, _)| index);
+        ends.push(from);
+    }
+    ends
 }
 
 /// A dot where each slot ended, as far as there is room for dots; a cross where no choice of
@@ -468,4 +494,45 @@ fn color_bar(limit: f64, [x, y]: [f64; 2]) -> Element {
             [x + BAR, y + 10.0],
             format!("limit {}", significant(limit, 4)),
         ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::fixture;
+
+    #[test]
+    fn slots_end_where_they_ended_however_long_they_took() {
+        let mut record = fixture::separated();
+        // Hover through slots 21 to 30, and let every slot take a tenth longer than it should.
+        let place = record.slots[19].flown;
+        for slot in &mut record.slots[20..30] {
+            slot.flown = place;
+        }
+        let start = record.scenario.mission.parameters().start;
+        let mut samples = vec![(0.0, start)];
+        let mut from = start;
+        for slot in &record.slots {
+            for step in 1..=11 {
+                // The last tenth is spent waiting for channel state.
+                let share = (f64::from(step) / 10.0).min(1.0);
+                let time_s = 1.1 * f64::from(slot.slot - 1) + 0.1 * f64::from(step);
+                samples.push((time_s, from + (slot.flown - from) * share));
+            }
+            from = slot.flown;
+        }
+        record.path = samples
+            .into_iter()
+            .map(|(time_s, position)| PathSample {
+                time_s,
+                position,
+                altitude_m: 100.0,
+            })
+            .collect();
+        let ends = slot_ends(&record);
+        for (slot, end) in record.slots.iter().zip(ends) {
+            let away_m = (record.path[end].position - slot.flown).norm();
+            assert!(away_m < 1e-9, "slot {} ends {away_m} m away", slot.slot);
+        }
+    }
 }

@@ -31,18 +31,19 @@ pub(super) fn html(record: &FlightRecord, summary: &Summary) -> String {
         .with(theme::page_style());
     let body = element("body").with(
         element("main")
-            .with(heading(summary))
+            .with(heading(record, summary))
             .with(tiles(record, summary))
             .with(figures(record, summary))
             .with(facts(record, summary))
             .with(slots(record))
+            .with_all(events(record))
             .with(element("script").verbatim(include_str!("page.js"))),
     );
     let page = element("html").set("lang", "en").with(head).with(body);
     format!("<!DOCTYPE html>\n{page}")
 }
 
-fn heading(summary: &Summary) -> Element {
+fn heading(record: &FlightRecord, summary: &Summary) -> Element {
     element("header")
         .with(element("p").class("kicker").text("Flight report"))
         .with(
@@ -51,6 +52,7 @@ fn heading(summary: &Summary) -> Element {
                 .with(element("span").class("by").text(" flown by "))
                 .text(summary.policy.clone()),
         )
+        .with_all(broken_off(record))
         .with(element("p").class("lead").text(format!(
             "{}, {} allocation, {} vehicle, seed {}",
             count(summary.slots, "slot"),
@@ -58,6 +60,17 @@ fn heading(summary: &Summary) -> Element {
             summary.profile,
             summary.seed
         )))
+}
+
+/// Said first of a flight that did not reach its end.
+fn broken_off(record: &FlightRecord) -> Option<Element> {
+    let slots = record.scenario.mission.slots() as usize;
+    (record.slots.len() < slots).then(|| {
+        element("p").class("alarm").text(format!(
+            "Broken off after {} of {slots} slots.",
+            record.slots.len()
+        ))
+    })
 }
 
 /// A verdict or number that one wants to see first.
@@ -481,6 +494,27 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Element {
         .with(table("Outcome", outcome))
         .with(table("Mission", table_one))
         .with(table("Run", run))
+}
+
+/// What the autopilot and its client said to one another, folded away.
+fn events(record: &FlightRecord) -> Option<Element> {
+    let rows = record.events.iter().map(|event| {
+        element("tr")
+            .with(element("td").text(format!("{} s", decimal(event.time_s, 2))))
+            .with(element("td").class("said").text(event.text.clone()))
+    });
+    (!record.events.is_empty()).then(|| {
+        element("details")
+            .class("card")
+            .with(element("summary").text("Events"))
+            .with(
+                element("div").class("scroll").with(
+                    element("table")
+                        .class("slots events")
+                        .with(element("tbody").with_all(rows)),
+                ),
+            )
+    })
 }
 
 /// Names with symbols in them: `q_f` gets a subscript.

@@ -12,7 +12,7 @@ use crate::record::FlightRecord;
 
 /// Users as rows, slots as columns, a cell in the colour of the rate for every slot served.
 pub(super) fn strip(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::new(record.slots.len());
+    let axis = SlotAxis::of(record);
     let limit = record.scenario.mission.slot_rate_limit();
     let users = record.scenario.mission.user_count();
     let row = (220.0 / users as f64).clamp(15.0, 24.0);

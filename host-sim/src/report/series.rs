@@ -15,7 +15,7 @@ const LEGEND_Y: f64 = 12.0;
 
 /// `R_n` against what no position could exceed, `log2(1 / (1 - J Gamma))`.
 pub(super) fn rate(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::new(record.slots.len());
+    let axis = SlotAxis::of(record);
     let limit = record.scenario.mission.slot_rate_limit();
     let mut keys = vec![
         Key {
@@ -73,7 +73,7 @@ pub(super) fn rate(record: &FlightRecord) -> Element {
 
 /// `MSE_n`, computed and as it came out of the signals drawn, against `Gamma`.
 pub(super) fn mse(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::new(record.slots.len());
+    let axis = SlotAxis::of(record);
     let threshold = record.scenario.mission.parameters().mse_threshold;
     let mut keys = vec![
         Key {
@@ -131,7 +131,7 @@ pub(super) fn mse(record: &FlightRecord) -> Element {
 /// The wanted function of the measurements and its estimate over the air, in the scenario's
 /// unit; below, the error by itself.
 pub(super) fn estimate(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::new(record.slots.len());
+    let axis = SlotAxis::of(record);
     let unit = unit(&record.scenario.sensing.unit);
     let keys = vec![
         Key {
@@ -201,7 +201,7 @@ pub(super) fn estimate(record: &FlightRecord) -> Element {
 
 /// What the served user and, on average, a sensor transmitted, each against its maximum.
 pub(super) fn power(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::new(record.slots.len());
+    let axis = SlotAxis::of(record);
     let p = record.scenario.mission.parameters();
     let keys = vec![
         Key {

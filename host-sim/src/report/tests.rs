@@ -283,6 +283,25 @@ fn the_path_is_drawn_where_the_vehicle_was() {
 }
 
 #[test]
+fn a_flight_broken_off_says_so() {
+    let mut record = fixture::separated();
+    let words = "Broken off after 12 of 60 slots.";
+    assert!(!page(&record).contains(words));
+    record.slots.truncate(12);
+    record.path.truncate(13);
+    let text = page(&record);
+    assert!(text.contains(words));
+    let document = well_formed(&text);
+    assert_eq!(slots_of(&document, "Rate per slot").len(), 12);
+    record.slots.clear();
+    record.path.clear();
+    well_formed(&page(&record));
+    well_formed(&map_svg(&record));
+    let printed = table(&record, &record.summary(), Look { color: false });
+    assert!(!printed.contains("NaN"), "{printed}");
+}
+
+#[test]
 fn a_scenario_can_be_drawn_before_it_is_flown() {
     for name in ["separated", "mixed"] {
         let scenario = Scenario::shipped(name).expect("shipped");
