@@ -24,7 +24,7 @@ impl<T: Scalar> Autopilot<T> {
     /// does not fit the phase, changes nothing.
     pub fn receive(&mut self, now: Instant, from: Address, message: &MavMessage) {
         if let MavMessage::HEARTBEAT(heartbeat) = message
-            && self.vehicle.is_none()
+            && self.phase == Phase::Connecting
         {
             self.consider(now, from, heartbeat);
         }

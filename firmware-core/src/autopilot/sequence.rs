@@ -267,8 +267,14 @@ impl<T: Scalar> Autopilot<T> {
     pub(super) fn heartbeat_judged(&mut self, now: Instant, firmware: Firmware, mode: Mode) {
         let ours = firmware.control_mode();
         let landing = [firmware.land_mode(), firmware.return_mode()];
-        if core::mem::take(&mut self.silent) && mode == ours && self.telemetry.armed {
-            self.start_landing(now, Request::Land);
+        if core::mem::take(&mut self.silent) && mode == ours {
+            // Heard again and still ours: end the flight, never go on with it.
+            if matches!(self.phase, Phase::Arming | Phase::TakingOff) && !self.flown {
+                self.pending = None;
+                self.enter(now, Phase::Disarming);
+            } else if self.phase.is_flying() || self.phase == Phase::TakingOff {
+                self.start_landing(now, Request::Land);
+            }
         }
         match self.phase {
             Phase::TakingControl => {

@@ -7,7 +7,9 @@ use firmware_core::autopilot::frames::Geodetic;
 use firmware_core::autopilot::wire::{Decoder, Encoder, MAX_FRAME};
 use firmware_core::autopilot::{Autopilot, Leg, LegEnd, Phase, Settings};
 use firmware_core::time::{Duration, Instant};
+use host_sim::link::lossy::{Channel, Faults};
 use host_sim::vehicle::{Profile, Vehicle, VehicleSettings};
+use mavlink::dialects::common::MavMessage;
 
 pub const TICK: Duration = Duration::from_millis(10);
 pub const SLOT: Duration = Duration::from_secs(1);
@@ -29,6 +31,12 @@ pub struct Flight {
     pub decoder: Decoder,
     pub vehicle: Vehicle,
     pub log: Vec<String>,
+    /// Everything the client sent, whether or not it arrived.
+    pub sent: Vec<(Instant, MavMessage)>,
+    pub up: Channel,
+    pub down: Channel,
+    /// Messages of the client that never arrive.
+    pub swallowed: fn(&MavMessage) -> bool,
 }
 
 impl Flight {
@@ -40,7 +48,17 @@ impl Flight {
             decoder: Decoder::new(),
             vehicle: Vehicle::new(vehicle),
             log: Vec::new(),
+            sent: Vec::new(),
+            up: Channel::new(Faults::default(), 0),
+            down: Channel::new(Faults::default(), 0),
+            swallowed: |_| false,
         }
+    }
+
+    /// The link gets worse, both ways.
+    pub fn degrade(&mut self, faults: &Faults, seed: u64) {
+        self.up = Channel::new(faults.clone(), seed);
+        self.down = Channel::new(faults.clone(), !seed);
     }
 
     /// Passes messages to and fro until both are quiet.
@@ -50,17 +68,28 @@ impl Flight {
             let mut quiet = true;
             while let Some(message) = self.client.poll(self.now) {
                 let bytes = self.encoder.encode(&message, &mut buffer);
-                self.vehicle.receive(self.now, bytes);
+                if !(self.swallowed)(&message) {
+                    self.up.push(self.now, bytes);
+                }
+                self.sent.push((self.now, message));
                 quiet = false;
+            }
+            while let Some(frame) = self.up.pop(self.now) {
+                self.vehicle.receive(self.now, &frame);
+                self.vehicle.end_of_datagram(self.now);
             }
             self.vehicle.step(self.now);
             while let Some(frame) = self.vehicle.next_frame() {
+                self.down.push(self.now, &frame);
+            }
+            while let Some(frame) = self.down.pop(self.now) {
                 let mut bytes = &frame[..];
                 while let Some(frame) = self.decoder.next_frame(&mut bytes) {
                     let message = frame.message().expect("our own frames are readable");
                     self.client.receive(self.now, frame.sender(), &message);
                     quiet = false;
                 }
+                while self.decoder.end_of_datagram().is_some() {}
             }
             while let Some(event) = self.client.take_next_event() {
                 let seconds = self.now.micros() as f64 * 1e-6;
@@ -107,16 +136,25 @@ impl Flight {
     }
 }
 
+/// The client's settings for a profile.
+pub fn settings(profile: Profile) -> Settings<f64> {
+    Settings {
+        limits: profile.client_limits(),
+        ..Settings::new(origin(), start(), ALTITUDE_M, SPEED_MPS)
+    }
+}
+
+/// The vehicle's settings for a profile.
+pub fn vehicle(profile: Profile) -> VehicleSettings {
+    VehicleSettings::new(profile, origin(), start())
+}
+
 /// A flight that holds at the start, ready for legs.
 pub fn ready(
     profile: Profile,
     change: impl FnOnce(&mut Settings<f64>, &mut VehicleSettings),
 ) -> Flight {
-    let mut settings = Settings {
-        limits: profile.client_limits(),
-        ..Settings::new(origin(), start(), ALTITUDE_M, SPEED_MPS)
-    };
-    let mut vehicle = VehicleSettings::new(profile, origin(), start());
+    let (mut settings, mut vehicle) = (settings(profile), vehicle(profile));
     change(&mut settings, &mut vehicle);
     let mut flight = Flight::new(settings, vehicle);
     flight.client.launch(flight.now);

@@ -1,0 +1,528 @@
+//! Laws of the MAVLink client that hold for *any* order of messages, answers, calls and time.
+//!
+//! A model watches from outside: it knows what the client was last told about mode and arming,
+//! and judges every message the client sends.
+
+use std::cell::RefCell;
+
+use firmware_core::Position;
+use firmware_core::autopilot::frames::Geodetic;
+use firmware_core::autopilot::guidance::Limits;
+use firmware_core::autopilot::profile::Firmware;
+use firmware_core::autopilot::wire::Address;
+use firmware_core::autopilot::{
+    Autopilot, Coordinates, Event, Geofence, Leg, Phase, Settings, failsafe::Reaction,
+};
+use firmware_core::time::{Duration, Instant};
+use mavlink::dialects::common::{
+    COMMAND_ACK_DATA, ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, HEARTBEAT_DATA,
+    LOCAL_POSITION_NED_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavState,
+    MavSysStatusSensor, MavType, SYS_STATUS_DATA,
+};
+use proptest::prelude::*;
+use proptest::test_runner::{RngSeed, TestRunner};
+
+#[derive(Clone, Debug)]
+enum Action {
+    Wait(u64),
+    Heartbeat {
+        mode: u8,
+        armed: bool,
+    },
+    Stranger {
+        mode: u8,
+        armed: bool,
+    },
+    Answer {
+        command: u8,
+        result: u8,
+    },
+    /// An answer to whatever was asked last.
+    Accept,
+    Position {
+        x: f32,
+        y: f32,
+        altitude: f32,
+        late: u32,
+    },
+    Broken,
+    Status {
+        prearm: bool,
+        battery: i8,
+    },
+    Estimate(bool),
+    Launch,
+    Leg {
+        x: f64,
+        y: f64,
+        millis: u64,
+    },
+    Land,
+    Return,
+    Stop,
+    /// A well-behaved autopilot for a while: answers, arms, climbs.
+    Cooperate(u8),
+}
+
+fn action() -> impl Strategy<Value = Action> {
+    use Action as A;
+    let coordinate = prop_oneof![
+        16 => -110.0..210.0f64,
+        1 => Just(f64::NAN),
+        1 => Just(f64::INFINITY),
+        1 => Just(1e30)
+    ];
+    prop_oneof![
+        6 => (1u64..3000).prop_map(A::Wait),
+        4 => (0u8..5, any::<bool>()).prop_map(|(mode, armed)| A::Heartbeat { mode, armed }),
+        1 => (0u8..5, any::<bool>()).prop_map(|(mode, armed)| A::Stranger { mode, armed }),
+        4 => (0u8..8, 0u8..8).prop_map(|(command, result)| A::Answer { command, result }),
+        4 => Just(A::Accept),
+        4 => (-80.0f32..200.0, -80.0f32..200.0, 0.0f32..120.0, 0u32..200)
+            .prop_map(|(x, y, altitude, late)| A::Position { x, y, altitude, late }),
+        1 => Just(A::Broken),
+        2 => (any::<bool>(), -1i8..100).prop_map(|(prearm, battery)| A::Status { prearm, battery }),
+        2 => any::<bool>().prop_map(A::Estimate),
+        3 => Just(A::Launch),
+        8 => (coordinate.clone(), coordinate, 0u64..2000)
+            .prop_map(|(x, y, millis)| A::Leg { x, y, millis }),
+        1 => Just(A::Land),
+        1 => Just(A::Return),
+        1 => Just(A::Stop),
+        8 => (1u8..60).prop_map(A::Cooperate),
+    ]
+}
+
+const VEHICLE: Address = Address {
+    system: 1,
+    component: 1,
+};
+const STRANGER: Address = Address {
+    system: 9,
+    component: 1,
+};
+
+fn fence() -> Geofence<f64> {
+    Geofence {
+        low: Position::new(-100.0, -100.0),
+        high: Position::new(200.0, 200.0),
+        ceiling_m: 110.0,
+    }
+}
+
+struct Model {
+    now: Instant,
+    firmware: Firmware,
+    client: Autopilot<f64>,
+    /// What the client was last told.
+    mode: Option<u32>,
+    armed: bool,
+    position: (f32, f32),
+    altitude: f32,
+    faulted: bool,
+    released: bool,
+    launched: bool,
+    was_in_control: bool,
+    last_command: Option<MavCmd>,
+    reached: Vec<Phase>,
+}
+
+impl Model {
+    fn new(firmware: Firmware, coordinates: Coordinates, limited: bool) -> Self {
+        let origin = Geodetic::from_degrees(10.0, 20.0).unwrap();
+        let mut settings = Settings::new(origin, Position::new(10.0, 20.0), 100.0, 30.0);
+        settings.geofence = Some(fence());
+        settings.coordinates = coordinates;
+        if limited {
+            settings.limits = Limits {
+                speed_mps: 20.0,
+                acceleration_mps2: 5.0,
+                jerk_mps3: 20.0,
+            };
+        }
+        Self {
+            now: Instant::ZERO,
+            firmware,
+            client: Autopilot::new(settings).unwrap(),
+            mode: None,
+            armed: false,
+            position: (20.0, 10.0),
+            altitude: 0.0,
+            faulted: false,
+            released: false,
+            launched: false,
+            was_in_control: false,
+            last_command: None,
+            reached: vec![],
+        }
+    }
+
+    fn mode_number(&self, choice: u8) -> u32 {
+        match choice {
+            0 | 1 => self.firmware.control_mode().0,
+            2 => self.firmware.land_mode().0,
+            3 => self.firmware.return_mode().0,
+            _ => 5,
+        }
+    }
+
+    fn heartbeat(&self, mode: u32, armed: bool) -> MavMessage {
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: mode,
+            mavtype: MavType::MAV_TYPE_QUADROTOR,
+            autopilot: match self.firmware {
+                Firmware::Generic => MavAutopilot::MAV_AUTOPILOT_GENERIC,
+                Firmware::ArduCopter => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+                Firmware::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
+            },
+            base_mode: if armed {
+                MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED
+            } else {
+                MavModeFlag::empty()
+            },
+            system_status: MavState::MAV_STATE_ACTIVE,
+            mavlink_version: 3,
+        })
+    }
+
+    fn tell(&mut self, message: &MavMessage) {
+        self.client.receive(self.now, VEHICLE, message);
+        self.judge();
+    }
+
+    fn tell_heartbeat(&mut self, mode: u32, armed: bool) {
+        (self.mode, self.armed) = (Some(mode), armed);
+        let message = self.heartbeat(mode, armed);
+        self.tell(&message);
+    }
+
+    fn tell_position(&mut self, late: u32) {
+        let (x, y) = self.position;
+        let z = -self.altitude;
+        let time_boot_ms = self.now.millis_wrapping().saturating_sub(late);
+        let message = LOCAL_POSITION_NED_DATA {
+            time_boot_ms,
+            x,
+            y,
+            z,
+            vx: 1.0,
+            vy: -1.0,
+            vz: 0.0,
+        };
+        self.tell(&MavMessage::LOCAL_POSITION_NED(message));
+    }
+
+    fn tell_estimate(&mut self, good: bool) {
+        let mut status = ESTIMATOR_STATUS_DATA::DEFAULT;
+        status.flags = if good {
+            EstimatorStatusFlags::ESTIMATOR_POS_HORIZ_ABS
+        } else {
+            EstimatorStatusFlags::ESTIMATOR_CONST_POS_MODE
+        };
+        self.tell(&MavMessage::ESTIMATOR_STATUS(status));
+    }
+
+    fn tell_status(&mut self, prearm: bool, battery: i8) {
+        let bit = MavSysStatusSensor::MAV_SYS_STATUS_PREARM_CHECK;
+        let mut status = SYS_STATUS_DATA::DEFAULT;
+        status.onboard_control_sensors_present = bit;
+        status.onboard_control_sensors_health = if prearm {
+            bit
+        } else {
+            MavSysStatusSensor::empty()
+        };
+        status.battery_remaining = battery;
+        self.tell(&MavMessage::SYS_STATUS(status));
+    }
+
+    fn tell_answer(&mut self, command: MavCmd, result: MavResult) {
+        let ack = COMMAND_ACK_DATA {
+            command,
+            result,
+            ..COMMAND_ACK_DATA::DEFAULT
+        };
+        self.tell(&MavMessage::COMMAND_ACK(ack));
+    }
+
+    /// Half a second of an autopilot that does as it is told.
+    fn cooperate(&mut self) {
+        for _ in 0..5 {
+            self.now += Duration::from_millis(100);
+            self.judge();
+            if let Some(command) = self.last_command.take() {
+                self.tell_answer(command, MavResult::MAV_RESULT_ACCEPTED);
+                let firmware = self.firmware;
+                match command {
+                    MavCmd::MAV_CMD_DO_SET_MODE => self.mode = Some(firmware.control_mode().0),
+                    MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
+                        self.armed = self.client.phase() != Phase::Disarming;
+                    }
+                    MavCmd::MAV_CMD_NAV_TAKEOFF => self.altitude = 100.0,
+                    MavCmd::MAV_CMD_NAV_LAND => self.mode = Some(firmware.land_mode().0),
+                    _ => {}
+                }
+            }
+            let phase = self.client.phase();
+            if phase == Phase::TakingOff && self.firmware == Firmware::Px4 {
+                self.altitude = 100.0;
+            }
+            self.tell_position(0);
+        }
+        self.tell_estimate(true);
+        self.tell_status(true, 90);
+        self.tell_heartbeat(self.mode.unwrap_or(5), self.armed);
+    }
+
+    /// From the first heartbeat on, for so many half seconds, with nothing in the way; 60
+    /// lead to the mission's start.
+    fn start(&mut self, halves: u8) {
+        if halves == 0 {
+            return;
+        }
+        self.act(&Action::Heartbeat {
+            mode: 4,
+            armed: false,
+        });
+        self.act(&Action::Launch);
+        self.act(&Action::Cooperate(halves));
+    }
+
+    fn act(&mut self, action: &Action) {
+        match *action {
+            Action::Wait(millis) => self.now += Duration::from_millis(millis),
+            Action::Heartbeat { mode, armed } => self.tell_heartbeat(self.mode_number(mode), armed),
+            Action::Stranger { mode, armed } => {
+                // Not before ours: the first autopilot that is heard is the one that is flown.
+                if self.mode.is_some() {
+                    let message = self.heartbeat(self.mode_number(mode), armed);
+                    self.client.receive(self.now, STRANGER, &message);
+                }
+            }
+            Action::Answer { command, result } => {
+                use MavCmd as C;
+                use MavResult as R;
+                let command = [
+                    C::MAV_CMD_DO_SET_MODE,
+                    C::MAV_CMD_COMPONENT_ARM_DISARM,
+                    C::MAV_CMD_NAV_TAKEOFF,
+                    C::MAV_CMD_NAV_LAND,
+                    C::MAV_CMD_NAV_RETURN_TO_LAUNCH,
+                    C::MAV_CMD_SET_MESSAGE_INTERVAL,
+                    C::MAV_CMD_REQUEST_MESSAGE,
+                    C::MAV_CMD_NAV_WAYPOINT,
+                ][usize::from(command)];
+                let result = [
+                    R::MAV_RESULT_ACCEPTED,
+                    R::MAV_RESULT_ACCEPTED,
+                    R::MAV_RESULT_TEMPORARILY_REJECTED,
+                    R::MAV_RESULT_DENIED,
+                    R::MAV_RESULT_UNSUPPORTED,
+                    R::MAV_RESULT_FAILED,
+                    R::MAV_RESULT_IN_PROGRESS,
+                    R::MAV_RESULT_CANCELLED,
+                ][usize::from(result)];
+                self.tell_answer(command, result);
+            }
+            Action::Accept => {
+                if let Some(command) = self.last_command.take() {
+                    self.tell_answer(command, MavResult::MAV_RESULT_ACCEPTED);
+                }
+            }
+            Action::Position {
+                x,
+                y,
+                altitude,
+                late,
+            } => {
+                self.position = (x, y);
+                self.altitude = altitude;
+                self.tell_position(late);
+            }
+            Action::Broken => {
+                let known = self.position;
+                self.position = (f32::NAN, f32::INFINITY);
+                self.tell_position(0);
+                self.position = known;
+            }
+            Action::Status { prearm, battery } => self.tell_status(prearm, battery),
+            Action::Estimate(good) => self.tell_estimate(good),
+            Action::Launch => {
+                self.launched = true;
+                self.client.launch(self.now);
+            }
+            Action::Leg { x, y, millis } => {
+                let end = self.now + Duration::from_millis(millis);
+                let waypoint = Position::new(x, y);
+                let inside = x.is_finite() && y.is_finite() && fence().contains(&waypoint, 0.0);
+                let taken = self.client.fly_leg(self.now, Leg { waypoint, end }).is_ok();
+                assert!(!taken || (inside && end > self.now));
+            }
+            Action::Land => self.client.land(self.now),
+            Action::Return => self.client.return_and_land(self.now),
+            Action::Stop => self.client.stop(self.now),
+            Action::Cooperate(halves) => {
+                for _ in 0..halves {
+                    self.cooperate();
+                }
+            }
+        }
+        self.judge();
+    }
+
+    /// Takes all events and messages and holds them against the laws.
+    fn judge(&mut self) {
+        for round in 0.. {
+            assert!(round < 40, "poll never ends");
+            let phase_before = self.client.phase();
+            let message = self.client.poll(self.now);
+            while let Some(event) = self.client.take_next_event() {
+                if let Event::Failsafe { reaction, .. } = event {
+                    self.faulted = true;
+                    self.released |= reaction == Reaction::Release;
+                }
+            }
+            self.reached.push(self.client.phase());
+            let Some(message) = message else {
+                return;
+            };
+            self.judge_message(&message, phase_before);
+        }
+    }
+
+    fn judge_message(&mut self, message: &MavMessage, phase: Phase) {
+        match message {
+            MavMessage::HEARTBEAT(_) => {}
+            MavMessage::COMMAND_LONG(c) => {
+                let numbers = [
+                    c.param1, c.param2, c.param3, c.param4, c.param5, c.param6, c.param7,
+                ];
+                assert!(numbers.iter().all(|n| n.is_finite()), "{c:?}");
+                assert_eq!((c.target_system, c.target_component), (1, 1));
+                let moves = !matches!(
+                    c.command,
+                    MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE
+                );
+                assert!(!moves || self.launched, "moves without a launch: {c:?}");
+                assert!(!moves || !self.released, "commands after release: {c:?}");
+                let arms = c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM && c.param1 == 1.0;
+                assert!(!arms || !self.faulted, "arms after a failsafe");
+                self.last_command = Some(c.command);
+            }
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(s) => {
+                let numbers = [s.x, s.y, s.z, s.vx, s.vy, s.vz, s.afx, s.afy, s.afz];
+                assert!(numbers.iter().all(|n| n.is_finite()), "{s:?}");
+                let place = Position::new(f64::from(s.y), f64::from(s.x));
+                assert!(fence().contains(&place, -1e-3), "{s:?}");
+                assert!(-s.z <= 110.0);
+                self.judge_setpoint(phase);
+            }
+            MavMessage::SET_POSITION_TARGET_GLOBAL_INT(s) => {
+                let numbers = [s.alt, s.vx, s.vy, s.vz, s.afx, s.afy, s.afz];
+                assert!(numbers.iter().all(|n| n.is_finite()), "{s:?}");
+                self.judge_setpoint(phase);
+            }
+            other => panic!("the client never sends {other:?}"),
+        }
+    }
+
+    fn judge_setpoint(&mut self, phase: Phase) {
+        assert!(self.launched && !self.released);
+        let in_control = self.mode == Some(self.firmware.control_mode().0);
+        // PX4 gives control only to a stream that flows already.
+        let asking = self.firmware == Firmware::Px4 && phase == Phase::TakingControl;
+        assert!(
+            in_control || asking,
+            "setpoint in mode {:?}, {phase:?}",
+            self.mode
+        );
+        self.was_in_control |= in_control;
+    }
+}
+
+fn firmware() -> impl Strategy<Value = Firmware> {
+    prop_oneof![
+        Just(Firmware::Generic),
+        Just(Firmware::ArduCopter),
+        Just(Firmware::Px4)
+    ]
+}
+
+/// 4,000 random histories of up to 120 actions, the same each time.
+#[test]
+fn the_laws_hold_for_any_order_of_things() {
+    let mut runner = TestRunner::new(ProptestConfig {
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(6),
+        ..ProptestConfig::with_cases(4_000)
+    });
+    let history = (
+        firmware(),
+        any::<bool>(),
+        any::<bool>(),
+        prop_oneof![Just(0u8), 4u8..10, Just(60)],
+        proptest::collection::vec(action(), 1..120),
+    );
+    let reached = RefCell::new(Vec::<Phase>::new());
+    let outcome = runner.run(&history, |(firmware, global, limited, begun, actions)| {
+        let coordinates = if global {
+            Coordinates::Global
+        } else {
+            Coordinates::Local
+        };
+        let mut model = Model::new(firmware, coordinates, limited);
+        model.start(begun);
+        for action in &actions {
+            model.act(action);
+        }
+        model.reached.dedup();
+        reached.borrow_mut().extend(model.reached);
+        Ok(())
+    });
+    outcome.unwrap();
+    // The histories are of use only if they get somewhere.
+    for phase in [
+        Phase::Standby,
+        Phase::TakingControl,
+        Phase::Arming,
+        Phase::TakingOff,
+        Phase::Transit,
+        Phase::Ready,
+        Phase::Leg,
+        Phase::LegEnded,
+        Phase::Landing,
+        Phase::Disarming,
+        Phase::Landed,
+        Phase::Released,
+        Phase::Failed,
+    ] {
+        let times = reached.borrow().iter().filter(|p| **p == phase).count();
+        println!("{phase}: {times}");
+        assert!(times >= 30, "{phase} was reached {times} times");
+    }
+}
+
+/// The model can see something: with a cooperative autopilot a flight goes all the way.
+#[test]
+fn a_cooperative_autopilot_is_flown_to_the_end() {
+    for firmware in [Firmware::Generic, Firmware::ArduCopter, Firmware::Px4] {
+        let mut model = Model::new(firmware, Coordinates::Local, true);
+        model.start(60);
+        assert_eq!(model.client.phase(), Phase::Ready, "{firmware:?}");
+        model.act(&Action::Leg {
+            x: 20.0,
+            y: 20.0,
+            millis: 900,
+        });
+        model.act(&Action::Cooperate(4));
+        assert_eq!(model.client.phase(), Phase::LegEnded, "{firmware:?}");
+        model.act(&Action::Land);
+        model.act(&Action::Cooperate(4));
+        model.act(&Action::Heartbeat {
+            mode: 2,
+            armed: false,
+        });
+        assert_eq!(model.client.phase(), Phase::Landed, "{firmware:?}");
+        assert!(model.was_in_control);
+        assert_eq!(model.client.fault(), None);
+    }
+}
