@@ -143,7 +143,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             stage: Stage::Preparing,
             fault: None,
             measuring: None,
-            mavlink_in: wire::Decoder::new(),
+            mavlink_in: wire::Decoder::in_order(),
             ground_in: Decoder::new(),
             channel_state: None,
             arrival: None,

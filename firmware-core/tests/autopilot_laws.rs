@@ -15,9 +15,9 @@ use firmware_core::autopilot::{
 };
 use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::{
-    COMMAND_ACK_DATA, ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, HEARTBEAT_DATA,
-    LOCAL_POSITION_NED_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavState,
-    MavSysStatusSensor, MavType, SYS_STATUS_DATA,
+    COMMAND_ACK_DATA, ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, GPS_GLOBAL_ORIGIN_DATA,
+    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag,
+    MavResult, MavState, MavSysStatusSensor, MavType, SYS_STATUS_DATA,
 };
 use proptest::prelude::*;
 use proptest::test_runner::{RngSeed, TestRunner};
@@ -222,6 +222,15 @@ impl Model {
         self.tell(&MavMessage::ESTIMATOR_STATUS(status));
     }
 
+    fn tell_origin(&mut self) {
+        let message = GPS_GLOBAL_ORIGIN_DATA {
+            latitude: 100_000_000,
+            longitude: 200_000_000,
+            ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT
+        };
+        self.tell(&MavMessage::GPS_GLOBAL_ORIGIN(message));
+    }
+
     fn tell_status(&mut self, prearm: bool, battery: i8) {
         let bit = MavSysStatusSensor::MAV_SYS_STATUS_PREARM_CHECK;
         let mut status = SYS_STATUS_DATA::DEFAULT;
@@ -269,6 +278,7 @@ impl Model {
             self.tell_position(0);
         }
         self.tell_estimate(true);
+        self.tell_origin();
         self.tell_status(true, 90);
         self.tell_heartbeat(self.mode.unwrap_or(5), self.armed);
     }

@@ -69,12 +69,12 @@ fn heartbeat_lost_falls_silent_and_lands_when_it_is_back() {
     fly_on(&mut flight, 3);
     flight.vehicle.faults.no_heartbeat = true;
     let lost = flight.now;
-    flight.run_for(Duration::from_secs(5));
+    flight.run_for(Duration::from_secs(8));
     assert_eq!(flight.client.fault(), Some(Cause::HeartbeatLost));
     let (last, _) = flight.sent.last().unwrap();
     let silence = *last - lost;
-    assert!(silence <= Duration::from_millis(3_100), "{silence:?}");
-    assert!(silence >= Duration::from_secs(2), "{silence:?}");
+    assert!(silence <= Duration::from_millis(5_100), "{silence:?}");
+    assert!(silence >= Duration::from_secs(4), "{silence:?}");
     flight.vehicle.faults.no_heartbeat = false;
     flight.run_until_phase(Phase::Landed, LANDING);
     assert_eq!(flight.vehicle.altitude_m(), 0.0);

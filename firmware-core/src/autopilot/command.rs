@@ -170,6 +170,10 @@ impl Pending {
         self.due
     }
 
+    pub(super) fn was_sent(&self) -> bool {
+        self.attempts > 0
+    }
+
     pub(super) fn last_refusal(&self) -> Option<MavResult> {
         self.last_refusal
     }

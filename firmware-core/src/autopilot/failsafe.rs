@@ -70,7 +70,7 @@ pub struct Row {
 pub static TABLE: [Row; 13] = [
     Row {
         cause: Cause::HeartbeatLost,
-        detected: "no heartbeat of the latched autopilot for `heartbeat` (3 s)",
+        detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s)",
         reaction: Reaction::Silence,
         ends: "the autopilot's own link failsafe; if it is heard again and still ours, NAV_LAND",
     },
@@ -216,7 +216,7 @@ pub struct Watch<T> {
 impl<T: Scalar> Default for Watch<T> {
     fn default() -> Self {
         Self {
-            heartbeat: Duration::from_secs(3),
+            heartbeat: Duration::from_secs(5),
             position: Duration::from_millis(1500),
             jump_m: T::of(60.0),
             ignored_legs: 6,

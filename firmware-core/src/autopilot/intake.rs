@@ -47,10 +47,16 @@ impl<T: Scalar> Autopilot<T> {
                     _ => Some(false),
                 };
             }
-            MavMessage::GPS_GLOBAL_ORIGIN(origin) => self.map.set_local_origin(Geodetic {
-                latitude_e7: origin.latitude,
-                longitude_e7: origin.longitude,
-            }),
+            MavMessage::GPS_GLOBAL_ORIGIN(origin) => {
+                // In flight the frame of reference stays; a moved origin shows as a jump.
+                if matches!(self.phase, Phase::Checking | Phase::Standby) {
+                    self.map.set_local_origin(Geodetic {
+                        latitude_e7: origin.latitude,
+                        longitude_e7: origin.longitude,
+                    });
+                    self.telemetry.origin_known = true;
+                }
+            }
             MavMessage::POSITION_TARGET_LOCAL_NED(echo) => {
                 let map = self.map;
                 self.take_echo(echo.time_boot_ms, |sent| {

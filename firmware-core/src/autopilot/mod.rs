@@ -144,6 +144,8 @@ pub enum Obstacle {
     NoPosition,
     /// The estimator has no absolute position yet.
     NoEstimate,
+    /// The autopilot has not said where its local frame begins.
+    NoOrigin,
     /// The autopilot's pre-arm checks do not pass; its texts say why.
     PreArm,
     /// The vehicle is already armed, by somebody else.
@@ -155,6 +157,7 @@ impl fmt::Display for Obstacle {
         f.write_str(match self {
             Self::NoPosition => "no position yet",
             Self::NoEstimate => "the estimator has no absolute position yet",
+            Self::NoOrigin => "the origin of the autopilot's local frame is not known yet",
             Self::PreArm => "the autopilot's pre-arm checks do not pass",
             Self::AlreadyArmed => "the vehicle is already armed",
         })
@@ -239,7 +242,11 @@ pub struct Autopilot<T: Scalar> {
     pending: Option<Pending>,
     /// Next step within [`Phase::Checking`]: telemetry that is still to be asked for.
     subscribed: u8,
+    /// When the last of it was asked for.
+    subscribed_at: Instant,
     obstacle: Option<Obstacle>,
+    /// When the origin of the local frame is asked for next.
+    origin_due: Instant,
     launch: bool,
     /// The present phase's command: since when, and whether it was accepted.
     asked: Option<(Instant, bool)>,
@@ -272,7 +279,9 @@ impl<T: Scalar> Autopilot<T> {
             heartbeat_due: Instant::ZERO,
             pending: None,
             subscribed: 0,
+            subscribed_at: Instant::ZERO,
             obstacle: None,
+            origin_due: Instant::ZERO,
             launch: false,
             asked: None,
             flown: false,

@@ -21,9 +21,14 @@ use crate::time::{Duration, Instant};
 const EFFECT_PATIENCE: Duration = Duration::from_secs(5);
 /// On the ground with motors turning for this long: we stop them ourselves.
 const GROUND_PATIENCE: Duration = Duration::from_secs(5);
+/// The origin of the local frame is asked for this often.
+const ORIGIN_INTERVAL: Duration = Duration::from_secs(1);
+/// While something is missing, telemetry is asked for again after this.
+const RESUBSCRIBE: Duration = Duration::from_secs(10);
 /// Above this height over the start the vehicle counts as in the air, m.
 const AIRBORNE_M: f64 = 1.0;
 
+const HEARTBEAT: u32 = 0;
 const LOCAL_POSITION_NED: u32 = 32;
 const SYS_STATUS: u32 = 1;
 const GPS_GLOBAL_ORIGIN: u32 = 49;
@@ -42,9 +47,8 @@ impl<T: Scalar> Autopilot<T> {
             1 => every(ESTIMATOR_STATUS, half_second),
             2 => every(SYS_STATUS, half_second),
             3 => every(EXTENDED_SYS_STATE, half_second),
-            4 => Some(Request::Message {
-                message: GPS_GLOBAL_ORIGIN,
-            }),
+            // Tells a change of mode sooner, and survives a link that loses frames.
+            4 => every(HEARTBEAT, Duration::from_millis(200)),
             _ => None,
         }
     }
@@ -161,17 +165,26 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     fn check(&mut self, now: Instant, firmware: Firmware) {
-        if self.pending.is_none()
-            && let Some(request) = self.subscription(self.subscribed, firmware)
-        {
-            self.pending = Some(Pending::new(now, request));
-            self.subscribed += 1;
-            return;
-        }
-        if self.pending.is_some() {
-            return;
-        }
         let obstacle = self.look_for_obstacle(now);
+        if self.pending.is_none() {
+            let next = self.subscription(self.subscribed, firmware);
+            if let Some(request) = next {
+                self.pending = Some(Pending::new(now, request));
+                self.subscribed += 1;
+                self.subscribed_at = now;
+            } else if obstacle.is_some() && now - self.subscribed_at > RESUBSCRIBE {
+                self.subscribed = 0;
+            } else if obstacle == Some(Obstacle::NoOrigin) && now >= self.origin_due {
+                // The answer is the message itself; an acknowledgement alone is not enough.
+                self.origin_due = now + ORIGIN_INTERVAL;
+                self.pending = Some(Pending::new(
+                    now,
+                    Request::Message {
+                        message: GPS_GLOBAL_ORIGIN,
+                    },
+                ));
+            }
+        }
         if self.obstacle != obstacle {
             self.obstacle = obstacle;
             if let Some(obstacle) = obstacle {
@@ -179,7 +192,7 @@ impl<T: Scalar> Autopilot<T> {
             }
         }
         match (self.phase, obstacle) {
-            (Phase::Checking, None) => self.enter(now, Phase::Standby),
+            (Phase::Checking, None) if self.pending.is_none() => self.enter(now, Phase::Standby),
             (Phase::Standby, Some(_)) => self.enter(now, Phase::Checking),
             (Phase::Standby, None) if self.launch => self.enter(now, Phase::TakingControl),
             _ => {}
@@ -196,6 +209,8 @@ impl<T: Scalar> Autopilot<T> {
             Some(Obstacle::NoPosition)
         } else if !telemetry.has_absolute_position() {
             Some(Obstacle::NoEstimate)
+        } else if !telemetry.origin_known {
+            Some(Obstacle::NoOrigin)
         } else if telemetry.prearm != Some(true) {
             Some(Obstacle::PreArm)
         } else {
@@ -241,7 +256,9 @@ impl<T: Scalar> Autopilot<T> {
         } else if firmware.takes_off_by_command() {
             let altitude_m = target.to_f64() as f32;
             // A take-off that is under way is not asked for again: that would restart it.
-            if !self.flown {
+            if self.flown {
+                self.pending = None;
+            } else {
                 self.ask(now, Request::TakeOff { altitude_m });
             }
         } else if self.asked.is_none() {
@@ -259,6 +276,8 @@ impl<T: Scalar> Autopilot<T> {
         }
         match outcome {
             Outcome::Accepted => self.asked = Some((now, true)),
+            // Motors that stand still need no answer.
+            _ if request == Request::Disarm && !self.telemetry.armed => {}
             _ => self.fail(now, Cause::CommandFailed),
         }
     }
@@ -278,8 +297,10 @@ impl<T: Scalar> Autopilot<T> {
         }
         match self.phase {
             Phase::TakingControl => {
-                let accepted = self.asked.is_some_and(|(_, accepted)| accepted);
-                if accepted && mode == ours {
+                // The mode is what counts; an acknowledgement can get lost.
+                let sent = self.pending.as_ref().is_none_or(Pending::was_sent);
+                if self.asked.is_some() && sent && mode == ours {
+                    self.pending = None;
                     self.holds = Some(ours);
                     self.enter(now, Phase::Arming);
                 }
@@ -299,6 +320,8 @@ impl<T: Scalar> Autopilot<T> {
             Phase::Landing => {
                 let asked = self.asked.is_some();
                 if asked && landing.contains(&mode) {
+                    self.pending = None;
+                    self.asked = Some((now, true));
                     self.holds = Some(mode);
                 } else if self.holds != Some(mode) {
                     self.fail(now, Cause::ControlTaken(mode));

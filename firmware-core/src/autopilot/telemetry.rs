@@ -79,6 +79,8 @@ pub(super) struct Telemetry<T: Scalar> {
     /// Since when the battery has been below the threshold of the watch.
     pub(super) battery_low_since: Option<Instant>,
     pub(super) on_ground: Option<bool>,
+    /// The autopilot has said where its local frame begins.
+    pub(super) origin_known: bool,
 }
 
 /// An older sample than this before the latest means that the autopilot started anew.
@@ -98,6 +100,7 @@ impl<T: Scalar> Telemetry<T> {
             battery_percent: None,
             battery_low_since: None,
             on_ground: None,
+            origin_known: false,
         }
     }
 

@@ -116,7 +116,12 @@ impl<T: Scalar> Autopilot<T> {
             }
             None => stream.guide.at(now),
         };
-        stream.due = now + interval;
+        // Until a leg's end is confirmed its setpoint is repeated sooner: any may be lost.
+        let waits = self
+            .leg
+            .as_ref()
+            .is_some_and(|leg| leg.final_sent && leg.ended.is_none());
+        stream.due = now + if waits { interval / 4 } else { interval };
         let (altitude, climb) = match stream.climb {
             Some((since, from)) => {
                 let risen = from + climb_mps * T::of((now - since).as_secs_f64());

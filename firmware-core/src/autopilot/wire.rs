@@ -54,6 +54,9 @@ pub struct Counters {
     pub unknown_flags: u32,
     /// Bytes that belonged to no frame.
     pub skipped_bytes: u32,
+    /// Good frames that came twice or after a later one of the same sender, and were dropped
+    /// ([`Decoder::in_order`]).
+    pub out_of_order: u32,
 }
 
 /// One checked frame, still as bytes.
@@ -125,6 +128,38 @@ fn checksum_seed(id: u32) -> Option<u8> {
     (seed != 0 || MavMessage::default_message_from_id(id).is_some()).then_some(seed)
 }
 
+/// Senders whose running numbers are followed.
+const SENDERS: usize = 8;
+/// A running number behind the last one by no more than this is late; further behind, the
+/// sender has started anew or many frames were lost.
+const LATE: u8 = 32;
+
+/// The last running number of each sender. A heartbeat has no time in it: one that was
+/// overtaken on the way would bring back a mode that is over.
+#[derive(Clone, Copy, Debug, Default)]
+struct Newest {
+    last: [Option<(Address, u8)>; SENDERS],
+    next: usize,
+}
+
+impl Newest {
+    /// Notes a frame; true if it is a duplicate or was overtaken.
+    fn is_late(&mut self, sender: Address, sequence: u8) -> bool {
+        for (known, last) in self.last.iter_mut().flatten() {
+            if *known == sender {
+                let late = last.wrapping_sub(sequence) <= LATE;
+                if !late {
+                    *last = sequence;
+                }
+                return late;
+            }
+        }
+        self.last[self.next] = Some((sender, sequence));
+        self.next = (self.next + 1) % SENDERS;
+        false
+    }
+}
+
 /// Bytes in, frames out.
 #[derive(Clone, Debug)]
 pub struct Decoder {
@@ -134,6 +169,7 @@ pub struct Decoder {
     /// Bytes at the front that were yielded or refused and go with the next call.
     spent: usize,
     counters: Counters,
+    newest: Option<Newest>,
 }
 
 impl Default for Decoder {
@@ -165,8 +201,21 @@ impl Decoder {
                 unknown_message: 0,
                 unknown_flags: 0,
                 skipped_bytes: 0,
+                out_of_order: 0,
             },
+            newest: None,
         }
+    }
+
+    /// An empty decoder that drops frames which come twice, or after a later frame of the same
+    /// sender: for whoever judges a vehicle's state by them.
+    pub const fn in_order() -> Self {
+        let mut decoder = Self::new();
+        decoder.newest = Some(Newest {
+            last: [None; SENDERS],
+            next: 0,
+        });
+        decoder
     }
 
     /// What went by so far.
@@ -266,6 +315,13 @@ impl Decoder {
         };
         let checksum = u16::from_le_bytes([held[unsigned - 2], held[unsigned - 1]]);
         if checksum == calculate_crc(&held[1..unsigned - CHECKSUM], seed) {
+            let frame = Frame { bytes: held };
+            if let Some(newest) = &mut self.newest
+                && newest.is_late(frame.sender(), frame.sequence())
+            {
+                self.counters.out_of_order = self.counters.out_of_order.wrapping_add(1);
+                return Candidate::Drop(whole);
+            }
             Candidate::Frame(whole)
         } else {
             // The start byte may have been payload: look for the next one inside.
@@ -448,6 +504,31 @@ mod tests {
         assert_eq!(decode(&mut decoder, &stream).len(), 1);
         assert_eq!(decoder.counters().unknown_message, 1);
         assert_eq!(decoder.counters().bad_checksum, 0);
+    }
+
+    #[test]
+    fn duplicates_and_late_frames_are_dropped_where_order_counts() {
+        let mut encoder = Encoder::new(OWN);
+        let frames: Vec<Vec<u8>> = (0..300)
+            .map(|n| {
+                encoder
+                    .encode(&position(n as f32), &mut [0; MAX_FRAME])
+                    .to_vec()
+            })
+            .collect();
+        let order = [0, 1, 1, 3, 2, 4, 299, 298, 0, 1];
+        let mut decoder = Decoder::in_order();
+        let mut got = Vec::new();
+        for n in order {
+            for message in decode(&mut decoder, &frames[n]) {
+                if let MavMessage::LOCAL_POSITION_NED(p) = message {
+                    got.push(p.x as usize);
+                }
+            }
+        }
+        // 299 has the running number 43; 0 after it is a sender that started anew.
+        assert_eq!(got, [0, 1, 3, 4, 299, 0, 1]);
+        assert_eq!(decoder.counters().out_of_order, 3);
     }
 
     proptest! {

@@ -35,7 +35,7 @@ impl Port {
     pub fn new(link: Box<dyn Link>, own: Address) -> Self {
         Self {
             link,
-            decoder: Decoder::new(),
+            decoder: Decoder::in_order(),
             encoder: Encoder::new(own),
             log: None,
             received: VecDeque::new(),

@@ -45,7 +45,7 @@ impl Flight {
             now: Instant::ZERO,
             encoder: Encoder::new(settings.own),
             client: Autopilot::new(settings).unwrap(),
-            decoder: Decoder::new(),
+            decoder: Decoder::in_order(),
             vehicle: Vehicle::new(vehicle),
             log: Vec::new(),
             sent: Vec::new(),
