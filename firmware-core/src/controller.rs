@@ -15,14 +15,15 @@
 //! position and says so.
 //!
 //! Worst case per slot: `plan` is the policy plus 31 shield candidates; `allocate` is `M + J`
-//! checks and one exact slot solution, `O(J log J)`.
+//! checks and one slot solution, `O(J log J)` by the default
+//! [`Method`].
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
     SENSORS_MAX, USERS_MAX, aircomp,
-    inner::{SlotLimits, Status, exact::Workspace},
+    inner::{Method, SlotLimits, Status, Workspace},
     mission::Mission,
     policy::{Observation, Policy},
     scalar::{Displacement, Position, Scalar},
@@ -157,6 +158,7 @@ pub enum ControllerError {
 pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
     mission: Mission<T, M, J>,
     limits: SlotLimits<T>,
+    method: Method<T>,
     policy: P,
     fairness: Fairness<M>,
     slots_done: u32,
@@ -171,6 +173,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     pub fn new(mission: Mission<T, M, J>, policy: P) -> Self {
         Self {
             limits: SlotLimits::of_mission(&mission),
+            method: Method::Exact,
             fairness: Fairness::new(&mission),
             mission,
             policy,
@@ -180,6 +183,16 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             under_way: None,
             workspace: Workspace::default(),
         }
+    }
+
+    /// Slots are allocated by another method than the exact one.
+    pub fn with_method(self, method: Method<T>) -> Self {
+        Self { method, ..self }
+    }
+
+    /// How slots are allocated.
+    pub fn method(&self) -> &Method<T> {
+        &self.method
     }
 
     /// The mission being flown.
@@ -318,7 +331,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let solution = self
             .workspace
             .sensors(&self.limits, &sensor_gains)
-            .and_then(|field| field.solve(Some(user_gain)));
+            .and_then(|field| self.method.solve(&field, Some(user_gain)));
         debug_assert!(solution.is_ok(), "{solution:?}");
         let mut command = SlotCommand {
             slot: plan.slot,

@@ -95,6 +95,7 @@ fn check(problem: &Problem) -> Solution<f64> {
             );
             assert!(power.0 == 0.0 && solution.rate == 0.0, "{}", context());
         }
+        _ => panic!("not the exact solver's: {}", context()),
     }
     solution
 }

@@ -14,7 +14,7 @@ use std::{
 use clap::ValueEnum;
 use firmware_core::{
     PowerGain, Scalar, Watt, aircomp,
-    inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution, Status},
+    inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution},
 };
 use serde::{Deserialize, Serialize};
 
@@ -216,10 +216,7 @@ impl Answer {
             feasible: solution.status.is_feasible(),
             rate: solution.rate.to_f64(),
             mse: mse.to_f64(),
-            limited_by: match solution.status {
-                Status::Optimal { limited_by } => limited_by,
-                Status::Infeasible { .. } => LimitedBy::None,
-            },
+            limited_by: solution.status.limited_by(),
             user_power: solution.user_power.0.to_f64(),
             sensor_coefficients: coefficients.into_iter().map(Scalar::to_f64).collect(),
             eta: solution.normalizing_factor.to_f64(),

@@ -8,7 +8,6 @@
 //! Worst case per user, once the sensors are sorted: `log2 J` comparisons and one quadratic; no
 //! iteration to a tolerance, no allocation.
 
-pub use super::level::Workspace;
 use super::{
     LimitedBy, SlotError, Solution, Status,
     level::{Level, SensorField},

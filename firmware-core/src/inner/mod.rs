@@ -5,14 +5,17 @@
 //! maximise R   subject to   MSE <= Gamma,  |b_j|^2 <= p_b^max,  0 <= p <= p^max,  eta >= 0
 //! ```
 //!
-//! [`exact`] solves it in closed form and is the default; everything it needs of the sensors is
-//! in [`SensorField`], sorted once per position.
+//! [`exact`] solves it in closed form and is the default; [`alternating`] is the paper's own
+//! algorithm; [`Method`] also names the paper's comparison schemes. All of them work on a
+//! [`SensorField`]: the sensors of a position, sorted and summed once.
 //!
 //! Outcomes are values: a slot in which no choice meets `Gamma` is [`Status::Infeasible`], with
 //! the least MSE that can be had; errors are for input that is not a slot problem.
 
+pub mod alternating;
 pub mod exact;
 mod level;
+mod scheme;
 
 use core::fmt;
 
@@ -143,12 +146,33 @@ pub enum Status<T> {
         /// The smallest MSE that these channels allow.
         least_mse: T,
     },
+    /// An iteration that came to rest ([`alternating`]): all constraints hold, the rate may lie
+    /// below the optimum.
+    Converged {
+        /// What holds it back.
+        limited_by: LimitedBy,
+    },
+    /// An iteration that was cut off: all constraints hold, the rate may lie below the optimum.
+    IterationLimit {
+        /// What holds it back.
+        limited_by: LimitedBy,
+    },
 }
 
 impl<T> Status<T> {
     /// Whether the average is as accurate as asked.
     pub fn is_feasible(&self) -> bool {
-        matches!(self, Status::Optimal { .. })
+        !matches!(self, Status::Infeasible { .. })
+    }
+
+    /// What holds the rate back; `None` where it is the channels, which do not allow `Gamma`.
+    pub fn limited_by(&self) -> LimitedBy {
+        match *self {
+            Status::Optimal { limited_by }
+            | Status::Converged { limited_by }
+            | Status::IterationLimit { limited_by } => limited_by,
+            Status::Infeasible { .. } => LimitedBy::None,
+        }
     }
 }
 
@@ -178,6 +202,44 @@ impl<T: Scalar> Solution<T> {
             return T::zero();
         }
         (self.level / amplitude).min(self.coefficient_max)
+    }
+}
+
+/// Which solver allocates a slot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method<T> {
+    /// The global optimum in closed form.
+    #[default]
+    Exact,
+    /// The paper's Alg. 1.
+    Alternating(alternating::Settings<T>),
+    /// Users send with this power or not at all; the rest is optimal.
+    FixedUserPower(Watt<T>),
+    /// Sensors send with this power; the rest is optimal.
+    FixedSensorPower(Watt<T>),
+}
+
+impl<T: Scalar> Method<T> {
+    /// Solves a slot with a user of gain `|g|^2` served, or (`None`) with nobody. Worst case:
+    /// the method's own.
+    ///
+    /// # Errors
+    /// A gain that is NaN, infinite or negative.
+    pub fn solve(
+        &self,
+        field: &SensorField<'_, T>,
+        user: Option<PowerGain<T>>,
+    ) -> Result<Solution<T>, SlotError<T>> {
+        match self {
+            Method::Exact => field.solve(user),
+            Method::Alternating(settings) => {
+                let report = field.alternate(user, settings, |_| {})?;
+                Ok(report.solution)
+            }
+            Method::FixedUserPower(power) => field.with_fixed_user_power(user, *power),
+            Method::FixedSensorPower(power) => field.with_fixed_sensor_power(user, *power),
+        }
     }
 }
 

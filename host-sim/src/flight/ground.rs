@@ -2,7 +2,6 @@
 
 use firmware_core::{
     Position, SENSORS_MAX, USERS_MAX,
-    inner::{LimitedBy, Status},
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
 };
 
@@ -87,10 +86,7 @@ impl Ground {
             sensor_power_mean_w: power_w / coefficients.len().max(1) as f64,
             rate: outcome.rate,
             mse: outcome.mse,
-            limited_by: match command.status {
-                Status::Optimal { limited_by } => limited_by,
-                Status::Infeasible { .. } => LimitedBy::None,
-            },
+            limited_by: command.status.limited_by(),
             feasible: command.status.is_feasible(),
             intervention: arrival.plan.intervention,
             channel_source: command.source,

@@ -49,10 +49,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
             sensor_power_mean_w: powers.sum::<f64>() / mission.sensor_count() as f64,
             rate: command.rate,
             mse: command.mse,
-            limited_by: match command.status {
-                Status::Optimal { limited_by } => limited_by,
-                Status::Infeasible { .. } => LimitedBy::None,
-            },
+            limited_by: command.status.limited_by(),
             feasible: command.status.is_feasible(),
             intervention: plan.intervention,
             channel_source: command.source,
