@@ -1,10 +1,9 @@
 //! The mission from above: area, users, sensors, where the vehicle was sent and where it flew,
 //! coloured by the rate it got there.
 
-use firmware_core::Position;
-
 use super::{
-    axis::{self, Key, LEFT, RIGHT, Scale, WIDTH, round_step},
+    axis::{self, Key, LEFT, RIGHT, WIDTH, round_step},
+    ground::{Ground, north},
     markup::{Element, PathData, circle, element, label, line, rectangle},
     placement::{Align, Placement, Spot},
     quantity::{self, plain, shortened, significant},
@@ -15,27 +14,8 @@ use crate::{
     scenario::Scenario,
 };
 
-/// Maps of long areas get no higher than this.
-const HEIGHT_MAX: f64 = 560.0;
 const USER_RADIUS: f64 = 5.0;
 const LABEL_SIZE: f64 = 11.0;
-
-/// Metres on the map to places in the drawing, north up, the same scale both ways.
-#[derive(Clone, Copy, Debug)]
-struct Projection {
-    west: f64,
-    south: f64,
-    units_per_m: f64,
-}
-
-impl Projection {
-    fn of(&self, place: &Position<f64>) -> [f64; 2] {
-        [
-            self.west + place.x * self.units_per_m,
-            self.south - place.y * self.units_per_m,
-        ]
-    }
-}
 
 /// The map of a scenario, with a flight over it if there was one, below a headline if it is to
 /// stand alone.
@@ -46,16 +26,9 @@ pub(super) fn draw(
 ) -> Element {
     let p = scenario.mission.parameters();
     let top = if headline.is_some() { 62.0 } else { 12.0 };
-    let units_per_m = ((RIGHT - LEFT) / p.area.east_m).min(HEIGHT_MAX / p.area.north_m);
-    let [width, height] = [p.area.east_m, p.area.north_m].map(|extent| extent * units_per_m);
-    let west = LEFT + (RIGHT - LEFT - width) / 2.0;
-    let projection = Projection {
-        west,
-        south: top + height,
-        units_per_m,
-    };
-    let bottom = top + height;
-    let (keys, foot) = foot(scenario, flight, &projection, bottom);
+    let ground = Ground::new(scenario, flight, top);
+    let bottom = top + ground.size[1];
+    let (keys, foot) = foot(scenario, flight, &ground, bottom);
 
     let title = format!("Map of {}", scenario.name);
     let mut drawing = axis::figure(foot + 14.0, &title, &description(scenario, flight));
@@ -65,43 +38,44 @@ pub(super) fn draw(
         drawing.push(label("headline", [LEFT - 52.0, 27.0], shortened(name, 50)));
         drawing.push(label("byline", [LEFT - 52.0, 45.0], shortened(words, 76)));
     }
-    drawing.push(grid(scenario, &projection, [west, top], [width, height]));
+    drawing.push(ground.draw(scenario));
 
-    let mut placement = match width > 240.0 {
-        true => Placement::within([west, top], [west + width, bottom]),
+    let west = ground.corner[0];
+    let mut placement = match ground.size.iter().all(|size| *size > 240.0) {
+        true => Placement::within([west, top], [west + ground.size[0], bottom]),
         false => Placement::within([4.0, top], [WIDTH - 4.0, bottom]),
     };
     for user in &p.users {
-        placement.take(projection.of(user), USER_RADIUS);
+        placement.take(ground.of(user), USER_RADIUS);
     }
     for sensor in &p.sensors {
-        placement.take(projection.of(sensor), 2.5);
+        placement.take(ground.of(sensor), 2.5);
     }
     for end in [&p.start, &p.destination] {
-        placement.take(projection.of(end), 7.0);
+        placement.take(ground.of(end), 7.0);
     }
     let mut slot_ends = Vec::new();
     if let Some(record) = flight {
-        drawing.push(services(record, &projection));
-        drawing.push(planned_path(record, &projection));
-        drawing.push(flown_path(record, &projection));
+        drawing.push(services(record, &ground));
+        drawing.push(planned_path(record, &ground));
+        drawing.push(flown_path(record, &ground));
         for slot in &record.slots {
-            placement.take(projection.of(&slot.flown), 3.0);
+            placement.take(ground.of(&slot.flown), 3.0);
         }
-        slot_ends = marks(record, &projection);
+        slot_ends = marks(record, &ground);
     }
     // Sensors may lie under the path; they are small and keep their outline.
     drawing.push(
         element("g").with_all(
             p.sensors
                 .iter()
-                .map(|sensor| sensor_mark(projection.of(sensor))),
+                .map(|sensor| sensor_mark(ground.of(sensor))),
         ),
     );
     drawing.push(element("g").with_all(slot_ends));
-    drawing.push(labels(scenario, flight, &projection, &mut placement));
+    drawing.push(labels(scenario, flight, &ground, &mut placement));
     if let Some(record) = flight {
-        drawing.push(hover(record, &projection));
+        drawing.push(hover(record, &ground));
     }
     drawing.with(keys)
 }
@@ -125,68 +99,15 @@ fn description(scenario: &Scenario, flight: Option<&FlightRecord>) -> String {
     }
 }
 
-fn grid(
-    scenario: &Scenario,
-    projection: &Projection,
-    [west, top]: [f64; 2],
-    [width, height]: [f64; 2],
-) -> Element {
-    let p = scenario.mission.parameters();
-    let [east, south] = [west + width, top + height];
-    let mut group = element("g").with(rectangle("ground", [west, top], [width, height]));
-    let step_m = round_step(p.area.east_m.max(p.area.north_m) / 5.5);
-    let ticks = |extent_m: f64| {
-        let about = extent_m / step_m;
-        Scale::linear([0.0, extent_m], [0.0, extent_m]).ticks(about.max(1.0) as usize)
-    };
-    // A narrow map has no room for numbers side by side.
-    let roomy = |number: usize| number as f64 * 34.0 < width + 34.0 || number == 1;
-    let easts = ticks(p.area.east_m);
-    let every = (1..)
-        .find(|every: &usize| roomy(easts.len().div_ceil(*every)))
-        .unwrap_or(1);
-    for (index, tick) in easts.into_iter().enumerate() {
-        let [x, _] = projection.of(&Position::new(tick.value, 0.0));
-        group.push(line("grid", [x, top], [x, south]));
-        if index % every == 0 {
-            group.push(label("tick middle", [x, south + 16.0], tick.label));
-        }
-    }
-    let norths = ticks(p.area.north_m);
-    let every = (1..)
-        .find(|every: &usize| norths.len().div_ceil(*every) as f64 * 16.0 < height + 32.0)
-        .unwrap_or(1);
-    for (index, tick) in norths.into_iter().enumerate() {
-        let [_, y] = projection.of(&Position::new(0.0, tick.value));
-        group.push(line("grid", [west, y], [east, y]));
-        if index % every == 0 {
-            group.push(label("tick end", [west - 7.0, y + 4.0], tick.label));
-        }
-    }
-    let title_x = west - 50.0;
-    let title_y = top + height / 2.0;
-    group
-        .with(rectangle("border", [west, top], [width, height]))
-        .with(label(
-            "axis middle",
-            [west + width / 2.0, south + 33.0],
-            "east (m)",
-        ))
-        .with(
-            label("axis middle", [title_x, title_y], "north (m)")
-                .set("transform", format!("rotate(-90 {title_x} {title_y})")),
-        )
-}
-
 /// A thin line from where the vehicle was to whom it served.
-fn services(record: &FlightRecord, projection: &Projection) -> Element {
+fn services(record: &FlightRecord, ground: &Ground) -> Element {
     let users = &record.scenario.mission.parameters().users;
     let mut data = PathData::default();
     for slot in &record.slots {
         if let Some(user) = users.get(slot.served_user) {
-            let [x, y] = projection.of(&slot.flown);
+            let [x, y] = ground.of(&slot.flown);
             data.move_to(x, y);
-            let [x, y] = projection.of(user);
+            let [x, y] = ground.of(user);
             data.line_to(x, y);
         }
     }
@@ -196,16 +117,16 @@ fn services(record: &FlightRecord, projection: &Projection) -> Element {
 }
 
 /// From the start through the waypoints.
-fn planned_path(record: &FlightRecord, projection: &Projection) -> Element {
+fn planned_path(record: &FlightRecord, ground: &Ground) -> Element {
     let start = record.scenario.mission.parameters().start;
     let places = std::iter::once(&start).chain(record.slots.iter().map(|slot| &slot.planned));
-    PathData::through(places.map(|place| projection.of(place))).path("plan")
+    PathData::through(places.map(|place| ground.of(place))).path("plan")
 }
 
 /// The flown path: a casing that stands out from any ground, and on it a piece per slot in the
 /// colour of its rate.
-fn flown_path(record: &FlightRecord, projection: &Projection) -> Element {
-    let pieces = pieces(record, projection);
+fn flown_path(record: &FlightRecord, ground: &Ground) -> Element {
+    let pieces = pieces(record, ground);
     let whole = pieces.iter().flatten().copied();
     let limit = record.scenario.mission.slot_rate_limit();
     let mut group = element("g").with(PathData::through(whole).path("casing"));
@@ -218,24 +139,24 @@ fn flown_path(record: &FlightRecord, projection: &Projection) -> Element {
 
 /// Where the vehicle was in each slot, in the drawing, each piece beginning where the last one
 /// ended. Samples closer together than can be seen are left out.
-fn pieces(record: &FlightRecord, projection: &Projection) -> Vec<Vec<[f64; 2]>> {
+fn pieces(record: &FlightRecord, ground: &Ground) -> Vec<Vec<[f64; 2]>> {
     let start = record.scenario.mission.parameters().start;
     let ends = slot_ends(record);
     let first = record.path.first().map_or(start, |sample| sample.position);
-    let mut here = projection.of(&first);
+    let mut here = ground.of(&first);
     let mut from = 0;
     let mut pieces = Vec::with_capacity(record.slots.len());
     for (slot, end) in record.slots.iter().zip(ends) {
         let mut piece = vec![here];
         for sample in &record.path[from..end] {
-            let point = projection.of(&sample.position);
+            let point = ground.of(&sample.position);
             if (point[0] - here[0]).hypot(point[1] - here[1]) >= 0.75 {
                 piece.push(point);
                 here = point;
             }
         }
         from = end;
-        let end = projection.of(&slot.flown);
+        let end = ground.of(&slot.flown);
         if here != end || piece.len() == 1 {
             piece.push(end);
             here = end;
@@ -275,11 +196,11 @@ fn slot_ends(record: &FlightRecord) -> Vec<usize> {
 
 /// A dot where each slot ended, as far as there is room for dots; a cross where no choice of
 /// powers could be accurate enough.
-fn marks(record: &FlightRecord, projection: &Projection) -> Vec<Element> {
+fn marks(record: &FlightRecord, ground: &Ground) -> Vec<Element> {
     let mut last: Option<[f64; 2]> = None;
     let mut marks = Vec::new();
     for slot in &record.slots {
-        let [x, y] = projection.of(&slot.flown);
+        let [x, y] = ground.of(&slot.flown);
         if last.is_some_and(|[x0, y0]| (x - x0).hypot(y - y0) < 7.0) {
             continue;
         }
@@ -320,7 +241,7 @@ fn user_mark(place: [f64; 2]) -> Element {
 fn labels(
     scenario: &Scenario,
     flight: Option<&FlightRecord>,
-    projection: &Projection,
+    ground: &Ground,
     placement: &mut Placement,
 ) -> Element {
     let p = scenario.mission.parameters();
@@ -335,13 +256,13 @@ fn labels(
     };
     let strong = ["place", "place middle", "place end"];
     for (place, words) in [(&p.start, "start"), (&p.destination, "destination")] {
-        let spot = placement.place(projection.of(place), 7.0, words, 12.5);
+        let spot = placement.place(ground.of(place), 7.0, words, 12.5);
         write(strong, spot, words.into());
     }
     let plain = ["node", "node middle", "node end"];
     for (user, place) in p.users.iter().enumerate() {
         let words = format!("u{user}");
-        let spot = placement.place(projection.of(place), USER_RADIUS, &words, LABEL_SIZE);
+        let spot = placement.place(ground.of(place), USER_RADIUS, &words, LABEL_SIZE);
         write(plain, spot, words);
     }
     let small = ["time", "time middle", "time end"];
@@ -349,17 +270,17 @@ fn labels(
     let every = round_step(slots.len() as f64 / 7.0).max(1.0) as usize;
     for slot in slots.iter().skip(every - 1).step_by(every) {
         let words = slot.slot.to_string();
-        if let Some(spot) = placement.place_if_free(projection.of(&slot.flown), 4.0, &words, 10.5) {
+        if let Some(spot) = placement.place_if_free(ground.of(&slot.flown), 4.0, &words, 10.5) {
             write(small, spot, words);
         }
     }
     for user in &p.users {
-        group.push(user_mark(projection.of(user)));
+        group.push(user_mark(ground.of(user)));
     }
     group
-        .with(circle("start", projection.of(&p.start), 6.0))
-        .with(circle("start-core", projection.of(&p.start), 2.2))
-        .with(destination_mark(projection.of(&p.destination)))
+        .with(circle("start", ground.of(&p.start), 6.0))
+        .with(circle("start-core", ground.of(&p.start), 2.2))
+        .with(destination_mark(ground.of(&p.destination)))
 }
 
 fn destination_mark([x, y]: [f64; 2]) -> Element {
@@ -368,7 +289,7 @@ fn destination_mark([x, y]: [f64; 2]) -> Element {
         .with(rectangle("start-core", [x - 2.2, y - 2.2], [4.4, 4.4]))
 }
 
-fn hover(record: &FlightRecord, projection: &Projection) -> Element {
+fn hover(record: &FlightRecord, ground: &Ground) -> Element {
     let mut group = element("g");
     if record.slots.len() > axis::DETAILED_SLOTS_MAX {
         return group;
@@ -376,7 +297,7 @@ fn hover(record: &FlightRecord, projection: &Projection) -> Element {
     let words = |slot: &SlotRecord| element("title").text(slot_words(record, slot));
     for slot in &record.slots {
         group.push(
-            circle("hit ring", projection.of(&slot.flown), 7.0)
+            circle("hit ring", ground.of(&slot.flown), 7.0)
                 .set("data-slot", slot.slot.to_string())
                 .with(words(slot)),
         );
@@ -388,13 +309,13 @@ fn hover(record: &FlightRecord, projection: &Projection) -> Element {
 fn foot(
     scenario: &Scenario,
     flight: Option<&FlightRecord>,
-    projection: &Projection,
+    ground: &Ground,
     bottom: f64,
 ) -> (Element, f64) {
     let y = bottom + 76.0;
     let mut group = element("g")
         .with(north([LEFT - 46.0, y]))
-        .with(scale_bar(projection, [LEFT, y]));
+        .with(ground.scale_bar([LEFT, y]));
     let mut keys = vec![
         Key {
             mark: user_mark([0.0, 0.0]),
@@ -410,7 +331,7 @@ fn foot(
             scenario.mission.slot_rate_limit(),
             [RIGHT - 250.0, y],
         ));
-        let across = [[-6.0, 0.0], [6.0, 0.0]];
+        let across = [[-5.0, 0.0], [5.0, 0.0]];
         keys.push(Key {
             mark: PathData::through(across).path("plan"),
             words: "planned".into(),
@@ -438,34 +359,6 @@ fn foot(
     }
     let (legend, end) = axis::legend(keys, [LEFT - 52.0, y + 34.0]);
     (group.with(legend), end)
-}
-
-fn north([x, y]: [f64; 2]) -> Element {
-    let needle = PathData::through([
-        [x, y - 17.0],
-        [x + 5.0, y],
-        [x, y - 3.5],
-        [x - 5.0, y],
-        [x, y - 17.0],
-    ]);
-    element("g")
-        .with(needle.path("needle"))
-        .with(label("tick middle", [x, y + 13.0], "N"))
-}
-
-/// A round length of about a fifth of the map.
-fn scale_bar(projection: &Projection, [x, y]: [f64; 2]) -> Element {
-    let length_m = round_step(60.0 / projection.units_per_m);
-    let end = x + length_m * projection.units_per_m;
-    let ticks = [[x, y - 9.0], [x, y - 4.0], [end, y - 4.0], [end, y - 9.0]];
-    let length = if length_m >= 1000.0 {
-        format!("{} km", plain(length_m / 1000.0))
-    } else {
-        format!("{} m", plain(length_m))
-    };
-    element("g")
-        .with(PathData::through(ticks).path("ruler"))
-        .with(label("tick middle", [(x + end) / 2.0, y + 13.0], length))
 }
 
 /// What the colours mean: a rate from 0 to the physical limit.

@@ -14,6 +14,8 @@
 //! the paper's, which begin at 1.
 
 mod axis;
+mod facts;
+mod ground;
 mod map;
 mod markup;
 mod page;

@@ -23,7 +23,7 @@ pub(super) fn strip(record: &FlightRecord) -> Element {
     if record.slots.iter().any(|slot| slot.intervention.any()) {
         keys.push(Key {
             mark: shield_mark([0.0, 1.0], 4.0),
-            words: "shield changed the policy's action".into(),
+            words: "changed by the shield".into(),
         });
     }
     if record.slots.iter().any(|slot| !slot.feasible) {
