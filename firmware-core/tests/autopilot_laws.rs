@@ -17,8 +17,9 @@ use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::{
     COMMAND_ACK_DATA, ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, GPS_GLOBAL_ORIGIN_DATA,
     HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag,
-    MavResult, MavState, MavSysStatusSensor, MavType, SYS_STATUS_DATA,
+    MavResult, MavState, MavSysStatusSensor, MavType, PARAM_VALUE_DATA, SYS_STATUS_DATA,
 };
+use mavlink::types::CharArray;
 use proptest::prelude::*;
 use proptest::test_runner::{RngSeed, TestRunner};
 
@@ -124,6 +125,7 @@ struct Model {
     launched: bool,
     was_in_control: bool,
     last_command: Option<MavCmd>,
+    asked_for: Option<CharArray<16>>,
     reached: Vec<Phase>,
 }
 
@@ -153,6 +155,7 @@ impl Model {
             launched: false,
             was_in_control: false,
             last_command: None,
+            asked_for: None,
             reached: vec![],
         }
     }
@@ -270,6 +273,14 @@ impl Model {
                     MavCmd::MAV_CMD_NAV_LAND => self.mode = Some(firmware.land_mode().0),
                     _ => {}
                 }
+            }
+            if let Some(param_id) = self.asked_for.take() {
+                let value = PARAM_VALUE_DATA {
+                    param_id,
+                    param_value: 12.0,
+                    ..PARAM_VALUE_DATA::DEFAULT
+                };
+                self.tell(&MavMessage::PARAM_VALUE(value));
             }
             let phase = self.client.phase();
             if phase == Phase::TakingOff && self.firmware == Firmware::Px4 {
@@ -430,6 +441,10 @@ impl Model {
                 let numbers = [s.alt, s.vx, s.vy, s.vz, s.afx, s.afy, s.afz];
                 assert!(numbers.iter().all(|n| n.is_finite()), "{s:?}");
                 self.judge_setpoint(phase);
+            }
+            MavMessage::PARAM_REQUEST_READ(read) => {
+                assert_eq!(phase, Phase::Checking);
+                self.asked_for = Some(read.param_id);
             }
             other => panic!("the client never sends {other:?}"),
         }

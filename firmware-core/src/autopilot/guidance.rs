@@ -91,8 +91,8 @@ pub struct Trajectory<T: Scalar> {
 
 /// Points of a trajectory at which limits are checked.
 const CHECKED: usize = 12;
-/// Steps between "go on as you are" and "reach the way-point" that are tried.
-const SHARES: usize = 16;
+/// Halvings in the search for the largest share of the way that the limits allow: to 1/512.
+const HALVINGS: usize = 9;
 
 impl<T: Scalar> Trajectory<T> {
     /// From one motion to another in `span`. With a span of zero it is at `to` at once.
@@ -190,7 +190,7 @@ impl<T: Scalar> Trajectory<T> {
     /// From `from` to `waypoint` at `end`, passing through it with the leg's mean velocity, as
     /// nearly as `limits` allow.
     ///
-    /// Worst case: 2 x 17 candidates of 13 points.
+    /// Worst case: 2 x 10 candidates of 13 points.
     pub fn leg(
         now: Instant,
         end: Instant,
@@ -219,8 +219,9 @@ impl<T: Scalar> Trajectory<T> {
         if t <= T::zero() || through.strain(limits) <= T::one() {
             return through;
         }
-        // Letting go: the acceleration fades to zero over the leg. Everything between that and
-        // the way-point is linear in the end conditions, so shares of the way are tried.
+        // Letting go: the acceleration fades to zero over the leg. Between that and the
+        // way-point everything is linear in the end conditions and the limits are convex, so
+        // the shares of the way that keep them are those up to a largest one.
         let third = T::of(1.0 / 3.0);
         let half = T::of(0.5);
         let fade = Motion {
@@ -228,38 +229,43 @@ impl<T: Scalar> Trajectory<T> {
             velocity: from.velocity + from.acceleration * (t * half),
             acceleration: Vector2::zeros(),
         };
+        let toward = |velocity: Displacement<T>, share: T| {
+            Self::new(
+                now,
+                span,
+                from,
+                Motion {
+                    position: fade.position + (waypoint - fade.position) * share,
+                    velocity: fade.velocity + (velocity - fade.velocity) * share,
+                    acceleration: Vector2::zeros(),
+                },
+            )
+        };
         // With the mean velocity at the end, or with the velocity that a constant
         // acceleration would give, which asks for the least acceleration of all.
         let gentle = mean * T::of(2.0) - from.velocity;
-        let mut best: Option<(T, Self)> = None;
-        let mut mildest: Option<(T, Self)> = None;
+        let mut best = toward(mean, T::zero());
         for velocity in [mean, gentle] {
-            for i in (0..=SHARES).rev() {
-                let share = T::count(i) / T::count(SHARES);
-                let candidate = Self::new(
-                    now,
-                    span,
-                    from,
-                    Motion {
-                        position: fade.position + (waypoint - fade.position) * share,
-                        velocity: fade.velocity + (velocity - fade.velocity) * share,
-                        acceleration: Vector2::zeros(),
-                    },
-                );
-                let strain = candidate.strain(limits);
-                if strain <= T::one() {
-                    let missed = (candidate.to.position - waypoint).norm();
-                    if best.as_ref().is_none_or(|(least, _)| missed < *least) {
-                        best = Some((missed, candidate));
+            let (mut kept, mut broken) = (T::zero(), T::one());
+            if toward(velocity, T::one()).strain(limits) <= T::one() {
+                kept = T::one();
+            } else {
+                for _ in 0..HALVINGS {
+                    let middle = (kept + broken) * half;
+                    if toward(velocity, middle).strain(limits) <= T::one() {
+                        kept = middle;
+                    } else {
+                        broken = middle;
                     }
-                    break;
-                }
-                if mildest.as_ref().is_none_or(|(least, _)| strain < *least) {
-                    mildest = Some((strain, candidate));
                 }
             }
+            let candidate = toward(velocity, kept);
+            let missed = |path: &Self| (path.to.position - waypoint).norm();
+            if missed(&candidate) < missed(&best) {
+                best = candidate;
+            }
         }
-        best.or(mildest).map_or(through, |(_, found)| found)
+        best
     }
 
     /// Straight to `place`, ending at rest, in the least time for which a start from rest

@@ -3,8 +3,10 @@
 
 use mavlink::dialects::common::{
     COMMAND_ACK_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavLandedState, MavMessage,
+    PARAM_VALUE_DATA,
 };
 
+use super::checks::Needs;
 use super::command::Outcome;
 use super::event::Event;
 use super::failsafe::Cause;
@@ -71,6 +73,7 @@ impl<T: Scalar> Autopilot<T> {
                 let map = self.map;
                 self.take_echo(echo.time_boot_ms, |sent| map.to_geodetic(sent) == place);
             }
+            MavMessage::PARAM_VALUE(value) => self.take_parameter(value),
             MavMessage::STATUSTEXT(text) => self.events.push(Event::Text {
                 severity: text.severity as u8,
                 text: status_text(text),
@@ -132,6 +135,22 @@ impl<T: Scalar> Autopilot<T> {
                 self.events.push(Event::Failed { request, outcome });
             }
             self.command_over(now, request, outcome);
+        }
+    }
+
+    fn take_parameter(&mut self, value: &PARAM_VALUE_DATA) {
+        let Some((_, firmware)) = self.vehicle else {
+            return;
+        };
+        // Without limits of its own the mission is content with half a g.
+        let acceleration = self.settings.limits.acceleration_mps2.to_f64().min(5.0);
+        let needs = Needs {
+            speed_mps: self.settings.transit_speed_mps.to_f64() as f32,
+            acceleration_mps2: acceleration as f32,
+        };
+        let found = self.reader.take(firmware, value, &needs, &mut self.limits);
+        if let Some(finding) = found {
+            self.events.push(Event::Finding(finding));
         }
     }
 

@@ -56,11 +56,12 @@ pub use telemetry::Sample;
 
 use crate::scalar::{Position, Scalar};
 use crate::time::Instant;
+use checks::Reader;
 use command::Pending;
 use event::Events;
 use failsafe::Cause;
 use frames::MapFrame;
-use guidance::{Guide, Motion};
+use guidance::{Guide, Limits, Motion};
 use profile::{Firmware, Mode};
 use telemetry::Telemetry;
 use wire::Address;
@@ -245,6 +246,9 @@ pub struct Autopilot<T: Scalar> {
     /// When the last of it was asked for.
     subscribed_at: Instant,
     obstacle: Option<Obstacle>,
+    reader: Reader,
+    /// What the vehicle can do, as its parameters clip it.
+    limits: Limits<T>,
     /// When the origin of the local frame is asked for next.
     origin_due: Instant,
     launch: bool,
@@ -271,6 +275,7 @@ impl<T: Scalar> Autopilot<T> {
         settings.check()?;
         Ok(Self {
             map: MapFrame::new(settings.map_origin),
+            limits: settings.limits,
             settings,
             phase: Phase::Connecting,
             phase_since: Instant::ZERO,
@@ -281,6 +286,7 @@ impl<T: Scalar> Autopilot<T> {
             subscribed: 0,
             subscribed_at: Instant::ZERO,
             obstacle: None,
+            reader: Reader::default(),
             origin_due: Instant::ZERO,
             launch: false,
             asked: None,
@@ -325,6 +331,11 @@ impl<T: Scalar> Autopilot<T> {
     /// The latest measured position.
     pub fn position(&self) -> Option<Sample<T>> {
         self.telemetry.sample
+    }
+
+    /// What the vehicle can do: the settings' limits, as its parameters clip them.
+    pub fn limits(&self) -> &Limits<T> {
+        &self.limits
     }
 
     /// The battery, percent, where the autopilot estimates it.

@@ -192,7 +192,9 @@ impl<T: Scalar> Autopilot<T> {
             }
         }
         match (self.phase, obstacle) {
-            (Phase::Checking, None) if self.pending.is_none() => self.enter(now, Phase::Standby),
+            (Phase::Checking, None) if self.pending.is_none() && self.reader.is_done(firmware) => {
+                self.enter(now, Phase::Standby);
+            }
             (Phase::Standby, Some(_)) => self.enter(now, Phase::Checking),
             (Phase::Standby, None) if self.launch => self.enter(now, Phase::TakingControl),
             _ => {}
@@ -226,7 +228,7 @@ impl<T: Scalar> Autopilot<T> {
         let place = sample.position;
         let interval = self.settings.setpoint_interval;
         self.stream = Some(Stream {
-            guide: Guide::new(now, place, self.settings.limits, interval / 2),
+            guide: Guide::new(now, place, self.limits, interval / 2),
             due: now,
             last: super::Motion::at_rest(place),
             // Until the climb begins, it has begun in the far future.

@@ -35,7 +35,7 @@ impl<T: Scalar> Autopilot<T> {
             self.heartbeat_due = now + HEARTBEAT_INTERVAL;
             return Some(self.heartbeat());
         }
-        self.command(now)
+        self.command(now).or_else(|| self.parameter_request(now))
     }
 
     /// When [`Autopilot::poll`] next has something to do, if nothing is received before.
@@ -92,6 +92,18 @@ impl<T: Scalar> Autopilot<T> {
                 None
             }
         }
+    }
+
+    /// Parameters are read while nothing else is asked for.
+    fn parameter_request(&mut self, now: Instant) -> Option<MavMessage> {
+        let (address, firmware) = self.vehicle?;
+        if self.phase != Phase::Checking || self.pending.is_some() {
+            return None;
+        }
+        let Self { reader, events, .. } = self;
+        let report = |finding| events.push(Event::Finding(finding));
+        let request = reader.request(now, firmware, address, report);
+        request.map(MavMessage::PARAM_REQUEST_READ)
     }
 
     /// The setpoint that is due, if one is and we may send it.

@@ -32,6 +32,9 @@ impl Vehicle {
             return;
         }
         match message {
+            MavMessage::HEARTBEAT(_) if self.parameters.is("SYSID_MYGCS", from.system.into()) => {
+                self.ground_heard = Some(now);
+            }
             MavMessage::COMMAND_LONG(command) => {
                 if let Some(result) = self.obey(now, command) {
                     self.send(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
@@ -155,6 +158,9 @@ impl Vehicle {
                 self.set_mode(FlightMode::Return);
                 R::MAV_RESULT_ACCEPTED
             }
+            // Only once there is a target whose speed could change.
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED if self.setpoint.is_none() => R::MAV_RESULT_FAILED,
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED => R::MAV_RESULT_ACCEPTED,
             _ => R::MAV_RESULT_UNSUPPORTED,
         })
     }
@@ -203,6 +209,8 @@ impl Vehicle {
     fn take_local(&mut self, now: Instant, s: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         let numbers = [s.x, s.y, s.z, s.vx, s.vy, s.vz];
         if !numbers.iter().all(|v| v.is_finite()) {
+            let reached = self.firmware == Firmware::ArduCopter && self.mode == FlightMode::Guided;
+            self.crashed |= reached;
             return;
         }
         let target = Target {
@@ -212,25 +220,48 @@ impl Vehicle {
             acceleration: acceleration(s.type_mask, s.afx, s.afy),
             age_s: 0.0,
         };
-        if self.take_target(now, target) && self.firmware == Firmware::Generic {
-            let echo = POSITION_TARGET_LOCAL_NED_DATA {
-                time_boot_ms: now.millis_wrapping(),
-                x: s.x,
-                y: s.y,
-                z: s.z,
-                vx: s.vx,
-                vy: s.vy,
-                vz: s.vz,
-                afx: s.afx,
-                afy: s.afy,
-                afz: s.afz,
-                yaw: s.yaw,
-                yaw_rate: s.yaw_rate,
-                type_mask: s.type_mask,
-                coordinate_frame: s.coordinate_frame,
-            };
-            self.send(&MavMessage::POSITION_TARGET_LOCAL_NED(echo));
-            self.send_message(now, LOCAL_POSITION_NED);
+        if !self.take_target(now, target) {
+            return;
+        }
+        match self.firmware {
+            Firmware::Generic => {
+                let echo = POSITION_TARGET_LOCAL_NED_DATA {
+                    time_boot_ms: now.millis_wrapping(),
+                    x: s.x,
+                    y: s.y,
+                    z: s.z,
+                    vx: s.vx,
+                    vy: s.vy,
+                    vz: s.vz,
+                    afx: s.afx,
+                    afy: s.afy,
+                    afz: s.afz,
+                    yaw: s.yaw,
+                    yaw_rate: s.yaw_rate,
+                    type_mask: s.type_mask,
+                    coordinate_frame: s.coordinate_frame,
+                };
+                self.send(&MavMessage::POSITION_TARGET_LOCAL_NED(echo));
+                self.send_message(now, LOCAL_POSITION_NED);
+            }
+            // ArduCopter echoes every target in global coordinates.
+            Firmware::ArduCopter => {
+                let place = self.local_frame().to_geodetic(target.position);
+                self.send(&MavMessage::POSITION_TARGET_GLOBAL_INT(
+                    POSITION_TARGET_GLOBAL_INT_DATA {
+                        time_boot_ms: now.millis_wrapping(),
+                        lat_int: place.latitude_e7,
+                        lon_int: place.longitude_e7,
+                        alt: -s.z,
+                        vx: s.vx,
+                        vy: s.vy,
+                        vz: s.vz,
+                        type_mask: s.type_mask,
+                        ..POSITION_TARGET_GLOBAL_INT_DATA::DEFAULT
+                    },
+                ));
+            }
+            Firmware::Px4 => {}
         }
     }
 

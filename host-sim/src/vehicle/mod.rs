@@ -22,7 +22,7 @@ use firmware_core::autopilot::frames::Geodetic;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
 use firmware_core::time::{Duration, Instant};
-use mavlink::dialects::common::MavMessage;
+use mavlink::dialects::common::{MavMessage, MavSeverity};
 use nalgebra::Vector2;
 
 pub use body::Ability;
@@ -116,6 +116,13 @@ const OUTBOX: usize = 4096;
 /// On the ground in a landing mode for this long, the motors stop.
 const DISARM_AFTER: Duration = Duration::from_secs(1);
 
+/// ArduCopter: without a ground station's heartbeat for this long it returns, if told to.
+const GROUND_TIMEOUT: Duration = Duration::from_secs(5);
+/// ArduCopter: armed on the ground for this long, the motors stop.
+const IDLE_DISARM: Duration = Duration::from_secs(10);
+/// PX4: between the loss of setpoints and the failsafe.
+const OFFBOARD_GRACE: Duration = Duration::from_secs(5);
+
 /// The vehicle.
 #[derive(Debug)]
 pub struct Vehicle {
@@ -137,6 +144,12 @@ pub struct Vehicle {
     /// Since when setpoints have flowed without a gap.
     stream_since: Option<Instant>,
     landed_since: Option<Instant>,
+    /// The last heartbeat of the ground station that counts for the failsafe.
+    ground_heard: Option<Instant>,
+    /// ArduCopter: a number that is not one reached the position controller.
+    crashed: bool,
+    /// PX4: left OFFBOARD because setpoints stopped.
+    sinks: bool,
     parameters: Parameters,
     streams: Streams,
     /// Set from outside to make things go wrong.
@@ -171,6 +184,9 @@ impl Vehicle {
             setpoint: None,
             stream_since: None,
             landed_since: None,
+            ground_heard: None,
+            crashed: false,
+            sinks: false,
             parameters,
             streams: Streams::of(settings.profile),
             faults: Faults::default(),
@@ -250,6 +266,9 @@ impl Vehicle {
     }
 
     fn send(&mut self, message: &MavMessage) {
+        if self.crashed {
+            return;
+        }
         let mut buffer = [0; MAX_FRAME];
         let frame = self.encoder.encode(message, &mut buffer).to_vec();
         self.enqueue(frame);
@@ -273,6 +292,7 @@ impl Vehicle {
             self.take_off_to = None;
             self.hold_altitude_m = self.body.altitude_m;
             self.landed_since = None;
+            self.sinks = false;
             // Autopilots tell at once when the mode changes.
             if !self.faults.no_heartbeat {
                 self.send_heartbeat();
@@ -281,6 +301,7 @@ impl Vehicle {
     }
 
     fn step_body(&mut self) {
+        self.own_failsafes();
         let demand = self.demand();
         let ability = self.ability();
         self.body.step(STEP.as_secs_f64(), &demand, &ability);
@@ -293,7 +314,46 @@ impl Vehicle {
         self.stop_motors_on_ground();
     }
 
+    /// What the autopilot does by itself.
+    fn own_failsafes(&mut self) {
+        let setpoint_age = self.setpoint.map(|setpoint| self.time - setpoint.came);
+        match self.firmware {
+            Firmware::Generic => {}
+            Firmware::ArduCopter => {
+                let silent = self
+                    .ground_heard
+                    .is_some_and(|heard| self.time - heard > GROUND_TIMEOUT);
+                let enabled = self.parameters.is("FS_GCS_ENABLE", 1);
+                let flies = self.armed && !self.body.is_on_ground();
+                if enabled && silent && flies && self.mode == FlightMode::Guided {
+                    self.say(MavSeverity::MAV_SEVERITY_WARNING, "GCS Failsafe");
+                    self.set_mode(FlightMode::Return);
+                }
+                let waits = self.armed && self.body.is_on_ground() && self.take_off_to.is_none();
+                if waits && self.time - self.armed_at > IDLE_DISARM {
+                    self.armed = false;
+                    self.say(MavSeverity::MAV_SEVERITY_INFO, "Disarming motors");
+                }
+            }
+            Firmware::Px4 => {
+                let lost = self.mode == FlightMode::Guided
+                    && self.armed
+                    && setpoint_age
+                        .is_some_and(|age| age > self.setpoint_timeout() + OFFBOARD_GRACE);
+                if lost {
+                    let text = "Offboard control lost";
+                    self.say(MavSeverity::MAV_SEVERITY_CRITICAL, text);
+                    self.set_mode(FlightMode::Manual);
+                    self.sinks = true;
+                }
+            }
+        }
+    }
+
     fn demand(&self) -> Demand {
+        if self.crashed {
+            return Demand::Descend { rate_mps: 30.0 };
+        }
         if !self.armed {
             return Demand::Rest;
         }
@@ -304,6 +364,7 @@ impl Vehicle {
             return Demand::Rest;
         }
         match self.mode {
+            FlightMode::Manual if self.sinks => Demand::Descend { rate_mps: 0.5 },
             FlightMode::Manual | FlightMode::Loiter | FlightMode::Auto => hold,
             FlightMode::Land => Demand::Descend {
                 rate_mps: self.settings.ability.descent_mps,
@@ -341,10 +402,13 @@ impl Vehicle {
         let age = self.time - setpoint.came;
         let mut target = setpoint.target;
         if age > self.setpoint_timeout() && target.velocity.is_some() {
-            // The stream broke off while moving: stop.
-            return Demand::Hold {
-                altitude_m: target.altitude_m,
-            };
+            // The stream broke off while moving: stop there, or (PX4) at the last target.
+            if self.firmware != Firmware::Px4 {
+                return Demand::Hold {
+                    altitude_m: target.altitude_m,
+                };
+            }
+            target.velocity = None;
         }
         target.age_s = age.as_secs_f64();
         Demand::Track(target)
@@ -352,9 +416,12 @@ impl Vehicle {
 
     /// How long a moving setpoint is flown on without the next one.
     fn setpoint_timeout(&self) -> Duration {
+        let parameter = |name, default: f64| {
+            Duration::from_secs_f64(self.parameters.number(name).unwrap_or(default))
+        };
         match self.firmware {
-            Firmware::Generic | Firmware::ArduCopter => Duration::from_secs(3),
-            Firmware::Px4 => Duration::from_secs(1),
+            Firmware::Generic | Firmware::ArduCopter => parameter("GUID_TIMEOUT", 3.0),
+            Firmware::Px4 => parameter("COM_OF_LOSS_T", 1.0),
         }
     }
 
@@ -373,10 +440,7 @@ impl Vehicle {
         if self.time - since >= DISARM_AFTER {
             self.armed = false;
             self.landed_since = None;
-            self.say(
-                mavlink::dialects::common::MavSeverity::MAV_SEVERITY_INFO,
-                "Disarming motors",
-            );
+            self.say(MavSeverity::MAV_SEVERITY_INFO, "Disarming motors");
         }
     }
 }

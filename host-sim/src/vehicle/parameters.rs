@@ -82,8 +82,14 @@ impl Parameters {
         self.all.iter().position(|(known, _)| *known == name)
     }
 
-    fn number(&self, name: &str) -> Option<f64> {
+    /// The value of a parameter, if there is one of that name.
+    pub(super) fn number(&self, name: &str) -> Option<f64> {
         self.index_of(name).map(|i| self.all[i].1.number())
+    }
+
+    /// Whether an integer parameter has this value.
+    pub(super) fn is(&self, name: &str, value: i32) -> bool {
+        self.number(name) == Some(f64::from(value))
     }
 
     /// Sets a known parameter to a finite value, in its own type; false if that cannot be.
@@ -121,7 +127,10 @@ impl Parameters {
                 }
             }
             Profile::Px4 => Ability {
-                speed_mps: ability.speed_mps.min(number("MPC_XY_VEL_MAX")),
+                speed_mps: ability
+                    .speed_mps
+                    .min(number("MPC_XY_VEL_MAX"))
+                    .min(number("MPC_XY_CRUISE")),
                 acceleration_mps2: ability
                     .acceleration_mps2
                     .min(number("MPC_ACC_HOR_MAX"))

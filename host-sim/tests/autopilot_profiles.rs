@@ -1,0 +1,417 @@
+//! The built-in `arducopter` and `px4` behave as the real ones did, and our client flies them.
+
+mod flight;
+
+use firmware_core::Position;
+use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
+use firmware_core::autopilot::{Coordinates, Phase};
+use firmware_core::time::{Duration, Instant};
+use flight::{ALTITUDE_M, Flight, SLOT, ready};
+use host_sim::vehicle::{FlightMode, Profile, Vehicle};
+use mavlink::dialects::common::{
+    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavMessage, MavResult,
+    PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+use nalgebra::Vector2;
+
+/// Parameters that allow 30 m/s.
+fn fast(profile: Profile) -> Vec<(String, f32)> {
+    let all: &[(&str, f32)] = match profile {
+        Profile::ArduCopter => &[
+            ("WPNAV_SPEED", 3500.0),
+            ("WPNAV_ACCEL", 1000.0),
+            ("ANGLE_MAX", 4500.0),
+        ],
+        Profile::Px4 => &[
+            ("MPC_XY_VEL_MAX", 35.0),
+            ("MPC_XY_CRUISE", 35.0),
+            ("MPC_ACC_HOR_MAX", 10.0),
+        ],
+        _ => &[],
+    };
+    all.iter()
+        .map(|&(name, value)| (name.to_owned(), value))
+        .collect()
+}
+
+/// Legs of `length_m` along a wide circle, planned from where the vehicle is; distances
+/// between planned and flown position at the slots' ends once under way.
+fn missed(flight: &mut Flight, length_m: f64, slots: u32) -> Vec<f64> {
+    let begin = flight.now;
+    let missed = (0..slots).map(|n| {
+        let from = flight.client.position().unwrap().position;
+        let angle = f64::from(n) * 0.06;
+        let waypoint = from + length_m * Vector2::new(angle.cos(), angle.sin());
+        flight.fly_leg(waypoint, begin + SLOT * (n + 1)).missed_m
+    });
+    missed.collect::<Vec<_>>().split_off(8)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+#[test]
+fn with_the_right_parameters_both_track_at_mission_speed() {
+    for profile in [Profile::Multirotor, Profile::ArduCopter, Profile::Px4] {
+        for coordinates in [Coordinates::Local, Coordinates::Global] {
+            let mut flight = ready(profile, |settings, vehicle| {
+                settings.coordinates = coordinates;
+                vehicle.parameters = fast(profile);
+            });
+            // At the start's place on the map, although the local frame begins elsewhere.
+            let off = (flight.vehicle.true_position() - flight::start()).norm();
+            assert!(off < 2.0, "{profile}: {off}");
+            assert!((flight.vehicle.altitude_m() - ALTITUDE_M).abs() < 2.5);
+            let missed = missed(&mut flight, 29.0, 40);
+            let middle = median(missed.clone());
+            println!("{profile} {coordinates:?}: median {middle:.2} m");
+            assert!(middle < 3.0, "{profile}: {missed:.1?}");
+            flight.client.land(flight.now);
+            flight.run_until_phase(Phase::Landed, Duration::from_secs(120));
+            assert_eq!(flight.client.fault(), None);
+        }
+    }
+}
+
+#[test]
+fn clipping_parameters_are_said_and_obeyed() {
+    for (profile, name, speed) in [
+        (
+            Profile::ArduCopter,
+            "WPNAV_SPEED is 1000: it clips speed; set it to 3000",
+            9.5,
+        ),
+        (
+            Profile::Px4,
+            "MPC_XY_CRUISE is 5: it clips speed; set it to 30",
+            4.75,
+        ),
+    ] {
+        let mut flight = ready(profile, |_, _| {});
+        assert!(
+            flight.log.iter().any(|line| line.contains(name)),
+            "{:#?}",
+            flight.log
+        );
+        assert_eq!(flight.client.limits().speed_mps, speed);
+        // The reference goes no faster than the vehicle can: slow, but never lost.
+        let begin = flight.now;
+        for n in 0..30 {
+            let from = flight.client.position().unwrap().position;
+            let ended = flight.fly_leg(from + Vector2::new(29.0, 0.0), begin + SLOT * (n + 1));
+            if n > 15 {
+                assert!(
+                    (ended.missed_m - (29.0 - speed)).abs() < 2.0,
+                    "{profile} {ended:?}"
+                );
+            }
+        }
+    }
+}
+
+/// A hand on the wire: raw messages to a vehicle.
+struct Hand {
+    now: Instant,
+    vehicle: Vehicle,
+    encoder: Encoder,
+    heard: Vec<MavMessage>,
+    heartbeats: bool,
+}
+
+impl Hand {
+    fn new(profile: Profile, parameters: &[(&str, f32)]) -> Self {
+        let mut settings = flight::vehicle(profile);
+        settings.parameters = parameters.iter().map(|&(n, v)| (n.to_owned(), v)).collect();
+        Self {
+            now: Instant::ZERO,
+            vehicle: Vehicle::new(settings),
+            encoder: Encoder::new(Address {
+                system: 255,
+                component: 190,
+            }),
+            heard: Vec::new(),
+            heartbeats: true,
+        }
+    }
+
+    fn send(&mut self, message: &MavMessage) {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = self.encoder.encode(message, &mut buffer);
+        self.vehicle.receive(self.now, frame);
+        self.listen();
+    }
+
+    fn listen(&mut self) {
+        let mut decoder = Decoder::new();
+        while let Some(frame) = self.vehicle.next_frame() {
+            let mut bytes = &frame[..];
+            while let Some(frame) = decoder.next_frame(&mut bytes) {
+                self.heard.push(frame.message().unwrap());
+            }
+        }
+    }
+
+    fn wait(&mut self, seconds: f64) {
+        let end = self.now + Duration::from_secs_f64(seconds);
+        while self.now < end {
+            if self.heartbeats && self.now.micros() % 1_000_000 == 0 {
+                self.send(&MavMessage::HEARTBEAT(HEARTBEAT_DATA::DEFAULT));
+            }
+            self.now += Duration::from_millis(10);
+            self.vehicle.step(self.now);
+            self.listen();
+        }
+    }
+
+    fn command(&mut self, command: MavCmd, [p1, p2, p3, p7]: [f32; 4]) -> Option<MavResult> {
+        self.heard.clear();
+        self.send(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            command,
+            param1: p1,
+            param2: p2,
+            param3: p3,
+            param7: p7,
+            target_system: 1,
+            target_component: 1,
+            ..COMMAND_LONG_DATA::DEFAULT
+        }));
+        self.heard.iter().find_map(|message| match message {
+            MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
+            _ => None,
+        })
+    }
+
+    fn said(&self, words: &str) -> bool {
+        self.heard.iter().any(|message| match message {
+            MavMessage::STATUSTEXT(text) => text.text.to_str().unwrap().contains(words),
+            _ => false,
+        })
+    }
+
+    /// A setpoint relative to where the local frame begins; `velocity` none: a place only.
+    fn setpoint(&mut self, north: f32, east: f32, velocity: Option<[f32; 2]>, system: u8) {
+        let mut type_mask = Mask::POSITION_TARGET_TYPEMASK_AX_IGNORE
+            | Mask::POSITION_TARGET_TYPEMASK_AY_IGNORE
+            | Mask::POSITION_TARGET_TYPEMASK_AZ_IGNORE
+            | Mask::POSITION_TARGET_TYPEMASK_YAW_IGNORE
+            | Mask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE;
+        if velocity.is_none() {
+            type_mask |= Mask::POSITION_TARGET_TYPEMASK_VX_IGNORE
+                | Mask::POSITION_TARGET_TYPEMASK_VY_IGNORE
+                | Mask::POSITION_TARGET_TYPEMASK_VZ_IGNORE;
+        }
+        let [vx, vy] = velocity.unwrap_or_default();
+        self.send(&MavMessage::SET_POSITION_TARGET_LOCAL_NED(
+            SET_POSITION_TARGET_LOCAL_NED_DATA {
+                x: north,
+                y: east,
+                z: -100.0,
+                vx,
+                vy,
+                type_mask,
+                target_system: system,
+                target_component: 1,
+                coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+                ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT
+            },
+        ));
+    }
+
+    /// In the air at 100 m, in the mode that follows setpoints.
+    fn airborne(profile: Profile, parameters: &[(&str, f32)]) -> Self {
+        let mut hand = Self::new(profile, parameters);
+        hand.wait(45.0);
+        if profile == Profile::Px4 {
+            for _ in 0..10 {
+                hand.setpoint(0.0, 0.0, Some([0.0, 0.0]), 1);
+                hand.wait(0.1);
+            }
+            assert_eq!(hand.command(SET_MODE, [1.0, 6.0, 0.0, 0.0]), ACCEPTED);
+            assert_eq!(hand.command(ARM, [1.0, 0.0, 0.0, 0.0]), ACCEPTED);
+            for _ in 0..500 {
+                hand.setpoint(0.0, 0.0, Some([0.0, 0.0]), 1);
+                hand.wait(0.1);
+            }
+        } else {
+            assert_eq!(hand.command(SET_MODE, [1.0, 4.0, 0.0, 0.0]), ACCEPTED);
+            assert_eq!(hand.command(ARM, [1.0, 0.0, 0.0, 0.0]), ACCEPTED);
+            assert_eq!(hand.command(TAKEOFF, [0.0, 0.0, 0.0, 100.0]), ACCEPTED);
+            hand.wait(60.0);
+        }
+        assert!((hand.vehicle.altitude_m() - 100.0).abs() < 1.0);
+        hand
+    }
+
+    /// Metres north and east of the start.
+    fn moved(&self) -> Vector2<f64> {
+        self.vehicle.true_position() - flight::start()
+    }
+}
+
+const SET_MODE: MavCmd = MavCmd::MAV_CMD_DO_SET_MODE;
+const ARM: MavCmd = MavCmd::MAV_CMD_COMPONENT_ARM_DISARM;
+const TAKEOFF: MavCmd = MavCmd::MAV_CMD_NAV_TAKEOFF;
+const ACCEPTED: Option<MavResult> = Some(MavResult::MAV_RESULT_ACCEPTED);
+const FAILED: Option<MavResult> = Some(MavResult::MAV_RESULT_FAILED);
+const FAST: [(&str, f32); 3] = [
+    ("WPNAV_SPEED", 3500.0),
+    ("WPNAV_ACCEL", 1000.0),
+    ("ANGLE_MAX", 4500.0),
+];
+
+#[test]
+fn arducopter_before_it_is_ready() {
+    let mut hand = Hand::new(Profile::ArduCopter, &[]);
+    hand.wait(5.0);
+    // GUIDED without a position is acknowledged; arming is refused with the reason.
+    assert_eq!(hand.command(SET_MODE, [1.0, 4.0, 0.0, 0.0]), ACCEPTED);
+    assert_eq!(hand.command(ARM, [1.0, 0.0, 0.0, 0.0]), FAILED);
+    assert!(hand.said("Need Position Estimate"));
+    hand.wait(40.0);
+    assert_eq!(hand.command(ARM, [1.0, 0.0, 0.0, 0.0]), ACCEPTED);
+    // On the ground setpoints are dropped, and without a take-off the motors stop.
+    hand.setpoint(50.0, 0.0, None, 1);
+    hand.wait(9.0);
+    assert!(hand.vehicle.armed());
+    hand.wait(2.0);
+    assert!(!hand.vehicle.armed());
+    assert_eq!(hand.moved(), Vector2::zeros());
+    assert_eq!(hand.command(TAKEOFF, [0.0, 0.0, 0.0, 100.0]), FAILED);
+}
+
+#[test]
+fn arducopter_drops_setpoints_in_silence() {
+    let mut hand = Hand::airborne(Profile::ArduCopter, &FAST);
+    hand.heard.clear();
+    hand.setpoint(50.0, 0.0, None, 7);
+    assert!(hand.heard.is_empty(), "wrong system: {:?}", hand.heard);
+    assert_eq!(hand.command(SET_MODE, [1.0, 5.0, 0.0, 0.0]), ACCEPTED);
+    hand.setpoint(50.0, 0.0, None, 1);
+    hand.wait(5.0);
+    assert!(hand.moved().norm() < 0.1, "not in LOITER");
+    assert_eq!(hand.command(SET_MODE, [1.0, 4.0, 0.0, 0.0]), ACCEPTED);
+    hand.setpoint(50.0, 20.0, None, 1);
+    let echoed = |m: &MavMessage| matches!(m, MavMessage::POSITION_TARGET_GLOBAL_INT(_));
+    assert!(hand.heard.iter().any(echoed));
+    hand.wait(20.0);
+    // A bare position is a place to stop at, north and east of the estimator's origin.
+    assert!(
+        (hand.moved() - Vector2::new(20.0, 50.0)).norm() < 0.5,
+        "{:?}",
+        hand.moved()
+    );
+}
+
+#[test]
+fn arducopter_position_only_targets_lag_and_moving_ones_do_not() {
+    for (moving, least, most) in [(false, 40.0, 1e3), (true, 0.0, 2.0)] {
+        let mut hand = Hand::airborne(Profile::ArduCopter, &FAST);
+        let mut lag = 0.0;
+        let mut place = 0.0;
+        for step in 0..600 {
+            // 25 m/s after a ramp of 5 s, as positions each second or as a stream at 10 Hz.
+            let time = f64::from(step) * 0.1;
+            let speed = 25.0 * (time / 5.0).min(1.0);
+            place += speed * 0.1;
+            if moving || step % 10 == 0 {
+                let velocity = moving.then_some([0.0, speed as f32]);
+                hand.setpoint(0.0, place as f32, velocity, 1);
+            }
+            lag = (place - hand.moved().x).abs();
+            hand.wait(0.1);
+        }
+        println!("moving {moving}: lag {lag:.1} m");
+        assert!((least..most).contains(&lag), "moving {moving}: {lag}");
+    }
+}
+
+#[test]
+fn arducopter_flies_on_for_guid_timeout_when_a_moving_stream_stops() {
+    let mut hand = Hand::airborne(Profile::ArduCopter, &FAST);
+    let mut place = 0.0;
+    for step in 0..100 {
+        let speed = 30.0 * (f64::from(step) * 0.02).min(1.0);
+        place += speed * 0.1;
+        hand.setpoint(0.0, place as f32, Some([0.0, speed as f32]), 1);
+        hand.wait(0.1);
+    }
+    let last = hand.moved().x;
+    hand.wait(3.0);
+    let after = hand.moved().x - last;
+    assert!((80.0..100.0).contains(&after), "{after}");
+    hand.wait(10.0);
+    assert!(hand.vehicle.velocity().norm() < 0.1);
+}
+
+#[test]
+fn arducopter_without_the_ground_station() {
+    for (enabled, mode) in [(0.0, FlightMode::Guided), (1.0, FlightMode::Return)] {
+        let mut hand = Hand::airborne(Profile::ArduCopter, &[("FS_GCS_ENABLE", enabled)]);
+        hand.heartbeats = false;
+        hand.wait(3.9); // the last one is up to a second old
+        assert_eq!(hand.vehicle.mode(), FlightMode::Guided);
+        hand.wait(2.0);
+        assert_eq!(hand.vehicle.mode(), mode);
+        hand.heartbeats = true;
+        hand.wait(3.0);
+        assert_eq!(hand.vehicle.mode(), mode, "it stays");
+    }
+}
+
+#[test]
+fn arducopter_does_not_survive_a_number_that_is_none() {
+    let mut hand = Hand::airborne(Profile::ArduCopter, &[]);
+    hand.setpoint(f32::NAN, 0.0, None, 1);
+    hand.heard.clear();
+    hand.wait(10.0);
+    assert!(hand.heard.is_empty());
+    assert_eq!(hand.vehicle.altitude_m(), 0.0);
+}
+
+#[test]
+fn px4_follows_only_a_stream() {
+    let mut hand = Hand::new(Profile::Px4, &[]);
+    hand.wait(15.0);
+    let rejected = Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED);
+    assert_eq!(hand.command(SET_MODE, [1.0, 6.0, 0.0, 0.0]), rejected);
+    for _ in 0..5 {
+        hand.setpoint(0.0, 0.0, None, 1);
+        hand.wait(0.9); // too slow
+    }
+    assert_eq!(hand.command(SET_MODE, [1.0, 6.0, 0.0, 0.0]), rejected);
+
+    let mut hand = Hand::airborne(Profile::Px4, &[]);
+    for _ in 0..40 {
+        hand.setpoint(0.0, 30.0, Some([0.0, 0.0]), 1);
+        hand.wait(0.1);
+    }
+    // The stream ends: it stops at the last target, leaves OFFBOARD, then sinks.
+    hand.wait(4.0);
+    assert_eq!(hand.vehicle.mode(), FlightMode::Guided);
+    hand.wait(4.0);
+    assert_eq!(hand.vehicle.mode(), FlightMode::Manual);
+    assert!(hand.said("Offboard control lost"));
+    let high = hand.vehicle.altitude_m();
+    hand.wait(20.0);
+    let sunk = high - hand.vehicle.altitude_m();
+    assert!((5.0..15.0).contains(&sunk), "{sunk}");
+    assert!(
+        (hand.moved() - Vector2::new(30.0, 0.0)).norm() < 2.0,
+        "{:?}",
+        hand.moved()
+    );
+}
+
+#[test]
+fn a_place_on_the_map_is_the_same_for_every_vehicle() {
+    for profile in Profile::ALL {
+        let mut flight = ready(profile, |settings, _| {
+            settings.start = Position::new(90.0, 60.0)
+        });
+        flight.run_for(Duration::from_secs(5));
+        let off = (flight.vehicle.true_position() - Position::new(90.0, 60.0)).norm();
+        assert!(off < 0.5, "{profile}: {off}");
+    }
+}
