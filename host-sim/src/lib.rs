@@ -1,5 +1,6 @@
 //! The host's side.
 
+pub mod conic;
 pub mod flight;
 pub mod interrupt;
 pub mod link;

@@ -14,9 +14,11 @@ use std::{
 use clap::ValueEnum;
 use firmware_core::{
     PowerGain, Scalar, Watt, aircomp,
-    inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution},
+    inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution, Status, alternating},
 };
 use serde::{Deserialize, Serialize};
+
+use crate::conic;
 
 /// Which solver answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -24,6 +26,19 @@ pub enum Method {
     /// The closed form: the global optimum
     #[default]
     Exact,
+    /// The paper's Alg. 1 at its xi = 0.001
+    Alternating,
+    /// The global optimum by a general convex solver (Clarabel), to check the closed form
+    Conic,
+    /// Alg. 1 with its subproblem left to the convex solver, as the paper does it
+    ConicAlternating,
+}
+
+impl Method {
+    /// Whether the method has arithmetic of that precision: Clarabel runs in double only.
+    pub fn supports(self, precision: Precision) -> bool {
+        precision == Precision::F64 || matches!(self, Method::Exact | Method::Alternating)
+    }
 }
 
 /// The arithmetic of the solver.
@@ -73,6 +88,22 @@ pub struct Answer {
     pub eta: f64,
     /// The least MSE that the channels allow.
     pub least_mse: f64,
+    /// How far the answer goes.
+    pub status: Finding,
+}
+
+/// What is known of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Finding {
+    /// The global optimum; for `conic`, to the accuracy of its solver.
+    Optimal,
+    /// An iteration came to rest.
+    Converged,
+    /// An iteration was cut off.
+    IterationLimit,
+    /// `Gamma` cannot be met.
+    Infeasible,
 }
 
 /// What became of the lines.
@@ -87,13 +118,18 @@ pub struct Tally {
 /// Answers every line of `input` with a line in `output`.
 ///
 /// # Errors
-/// Reading or writing failed. A bad line is not an error: it is answered and counted.
+/// Reading or writing failed, or the method has no such [precision](Method::supports). A bad line
+/// is not an error: it is answered and counted.
 pub fn run(
     method: Method,
     precision: Precision,
     mut input: impl BufRead,
     mut output: impl Write,
 ) -> anyhow::Result<Tally> {
+    anyhow::ensure!(
+        method.supports(precision),
+        "--precision f32 is not for --method conic, whose solver has double precision only"
+    );
     let mut tally = Tally::default();
     let mut line = Vec::new();
     while input.read_until(b'\n', &mut line)? > 0 {
@@ -188,10 +224,70 @@ impl Problem {
         let mut sums = vec![PrefixSum::default(); sensor_gains.len()];
         let field = SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
             .map_err(LineError::input)?;
-        let solution = match method {
-            Method::Exact => field.solve(user_gain).map_err(LineError::input)?,
+        let user = user_gain.unwrap_or_default();
+        // Also where another solver answers: it is the check of the user's gain.
+        let exact = field.solve(user_gain).map_err(LineError::input)?;
+        let alternating = alternating::Settings::<T>::default();
+        match method {
+            Method::Exact => Ok(Answer::new(&field, &exact, &sensor_gains, user)),
+            Method::Alternating => {
+                let report = field.alternate(user_gain, &alternating, |_| {});
+                let solution = report.map_err(LineError::input)?.solution;
+                Ok(Answer::new(&field, &solution, &sensor_gains, user))
+            }
+            Method::Conic | Method::ConicAlternating => self.answer_by_clarabel(method),
+        }
+    }
+
+    /// The problem is a checked one.
+    fn answer_by_clarabel(&self, method: Method) -> Result<Answer, LineError> {
+        let limits = SlotLimits {
+            sensor_power_max: Watt(self.sensor_power_max),
+            user_power_max: Watt(self.user_power_max),
+            noise_power: Watt(self.noise_power),
+            mse_threshold: self.mse_threshold,
         };
-        Ok(Answer::new(&field, &solution, &sensor_gains, user_gain))
+        let gains: Vec<_> = self.sensor_gain.iter().copied().map(PowerGain).collect();
+        let user = self.user_gain.map(PowerGain);
+        let (report, rested) = if method == Method::Conic {
+            (conic::bisect(&limits, &gains, user), Finding::Optimal)
+        } else {
+            let settings = alternating::Settings::default();
+            (
+                conic::alternate(&limits, &gains, user, &settings),
+                Finding::Converged,
+            )
+        };
+        let status = match report.outcome {
+            conic::Outcome::Solved => rested,
+            conic::Outcome::IterationLimit => Finding::IterationLimit,
+            conic::Outcome::Infeasible => Finding::Infeasible,
+            conic::Outcome::SolverFailed(status) => {
+                return Err(LineError::Input(format!(
+                    "Clarabel ended with {status:?} after {} solves, the best rate was {}",
+                    report.solves, report.rate
+                )));
+            }
+        };
+        let mse = aircomp::Slot {
+            sensor_gains: &gains,
+            sensor_coefficients: &report.sensor_coefficients,
+            user_gain: user.unwrap_or_default(),
+            user_power: Watt(report.user_power_w),
+            noise_power: limits.noise_power,
+        }
+        .mse(report.normalizing_factor);
+        Ok(Answer {
+            feasible: status != Finding::Infeasible,
+            rate: report.rate,
+            mse,
+            limited_by: report.limited_by,
+            user_power: report.user_power_w,
+            sensor_coefficients: report.sensor_coefficients,
+            eta: report.normalizing_factor,
+            least_mse: report.least_mse,
+            status,
+        })
     }
 }
 
@@ -200,14 +296,14 @@ impl Answer {
         field: &SensorField<'_, T>,
         solution: &Solution<T>,
         sensor_gains: &[PowerGain<T>],
-        user_gain: Option<PowerGain<T>>,
+        user_gain: PowerGain<T>,
     ) -> Self {
         let gains = sensor_gains.iter();
         let coefficients: Vec<T> = gains.map(|&gain| solution.coefficient(gain)).collect();
         let mse = aircomp::Slot {
             sensor_gains,
             sensor_coefficients: &coefficients,
-            user_gain: user_gain.unwrap_or_default(),
+            user_gain,
             user_power: solution.user_power,
             noise_power: field.limits().noise_power,
         }
@@ -221,6 +317,12 @@ impl Answer {
             sensor_coefficients: coefficients.into_iter().map(Scalar::to_f64).collect(),
             eta: solution.normalizing_factor.to_f64(),
             least_mse: field.least_mse().to_f64(),
+            status: match solution.status {
+                Status::Optimal { .. } => Finding::Optimal,
+                Status::Converged { .. } => Finding::Converged,
+                Status::IterationLimit { .. } => Finding::IterationLimit,
+                Status::Infeasible { .. } => Finding::Infeasible,
+            },
         }
     }
 

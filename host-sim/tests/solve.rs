@@ -101,6 +101,76 @@ fn own_reference_slots() {
     check_reference(include_str!("data/slots.jsonl"));
 }
 
+/// Every method on the same input: the optimum by Clarabel is that of the closed form, Alg. 1
+/// stays below it by what its stop rule leaves.
+#[test]
+fn every_method_answers_the_reference_slots() {
+    let lines = include_str!("data/slots.jsonl");
+    let exact = answers(Method::Exact, Precision::F64, lines);
+    for (method, fraction) in [(Method::Conic, 1.0 - 1e-7), (Method::Alternating, 0.99)] {
+        for (exact, other) in exact.iter().zip(answers(method, Precision::F64, lines)) {
+            assert_eq!(exact.feasible, other.feasible);
+            assert!(
+                other.rate <= exact.rate * (1.0 + 1e-7),
+                "{method:?} {other:?}"
+            );
+            assert!(
+                other.rate >= exact.rate * fraction,
+                "{method:?} {other:?} {exact:?}"
+            );
+            assert!((other.least_mse / exact.least_mse - 1.0).abs() < 1e-6);
+        }
+    }
+    assert!(run(Method::Conic, Precision::F32, &b""[..], Vec::new()).is_err());
+}
+
+/// What no method can decide by itself: no sensor heard, one that dominates, one alone, a user
+/// that is not heard, nobody served.
+#[test]
+fn every_method_answers_the_corners() {
+    let slot = |sensors: &str, user: &str, threshold: f64| {
+        format!(
+            r#"{{"sensor_gain":{sensors},"user_gain":{user},"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3.162e-13,"mse_threshold":{threshold}}}"#
+        )
+    };
+    let lines = [
+        slot("[0,0,0]", "1e-11", 0.2),
+        slot("[0,1e-10,1e-10,1e-10]", "1e-11", 0.1),
+        slot("[1e-6,1e-12,1e-12]", "1e-11", 0.3),
+        slot("[1e-10]", "1e-11", 0.5),
+        slot("[1e-10]", "1e-11", 0.01),
+        slot("[1e-10,2e-10]", "0", 0.3),
+        slot("[1e-10,2e-10]", "null", 0.3),
+        slot("[1e-10,2e-10]", "1e-20", 0.3),
+    ]
+    .join("\n");
+    let exact = answers(Method::Exact, Precision::F64, &lines);
+    let feasible: Vec<bool> = exact.iter().map(|answer| answer.feasible).collect();
+    assert_eq!(feasible, [false, true, true, true, false, true, true, true]);
+    for method in [Method::Alternating, Method::Conic, Method::ConicAlternating] {
+        for (exact, other) in exact.iter().zip(answers(method, Precision::F64, &lines)) {
+            assert_eq!(exact.feasible, other.feasible, "{method:?} {other:?}");
+            let fraction = if method == Method::Conic { 1e-6 } else { 0.01 };
+            let short = exact.rate - other.rate;
+            assert!(
+                short <= fraction * exact.rate,
+                "{method:?} {other:?} {exact:?}"
+            );
+            assert!(
+                -short <= 1e-7 * exact.rate,
+                "{method:?} {other:?} {exact:?}"
+            );
+            assert!(
+                (other.least_mse / exact.least_mse - 1.0).abs() < 1e-6,
+                "{method:?}"
+            );
+            if exact.rate == 0.0 {
+                assert_eq!(other.user_power, 0.0);
+            }
+        }
+    }
+}
+
 /// The whole reference lies beside the repository, or where `SLOT_REFERENCE` says.
 #[test]
 fn whole_reference_where_present() {

@@ -4,7 +4,6 @@
 
 use firmware_core::{
     controller::{ChannelState, Controller},
-    inner::{LimitedBy, Status},
     policy::StraightLine,
 };
 use rand::SeedableRng;

@@ -1,0 +1,538 @@
+//! The slot problem posed to a general convex solver, [Clarabel](clarabel): the reference that
+//! the closed form is held against, and the paper's own way of solving eq:p_pbp.
+//!
+//! * [`bisect`] poses eq:p1 itself. For a given SINR the slot problem is a second-order-cone
+//!   problem (`docs/mathematics.md`, section 3): least `||(1, y)||` for a given sum of
+//!   amplitudes. Bisection over the SINR gives the global optimum.
+//! * [`alternate`] is Alg. 1 with eq:p_pbp as printed: an exponential cone for the logarithm,
+//!   second-order cones for the MSE and `Psi`.
+//!
+//! Nothing is taken from the closed form but the grid search for a scale: Clarabel wants numbers
+//! near 1, gains are near 1e-12. And nothing is taken from Clarabel unchecked: whatever its
+//! status, the point that it returns is moved into its bounds, the user's power is what the MSE
+//! leaves for these very coefficients, and a point that does not meet `Gamma` is no solution.
+
+use clarabel::{
+    algebra::CscMatrix,
+    solver::{
+        DefaultSettings, DefaultSolver, IPSolver, SolverStatus,
+        SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT},
+    },
+};
+use firmware_core::{
+    PowerGain,
+    inner::{LimitedBy, SlotLimits, alternating::Settings},
+};
+
+/// How it came out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Outcome {
+    /// The optimum to the solver's accuracy ([`bisect`]), or where the iteration came to rest
+    /// ([`alternate`]).
+    Solved,
+    /// A cap on iterations came first; constraints hold.
+    IterationLimit,
+    /// No choice meets `Gamma`.
+    Infeasible,
+    /// Clarabel gave up; constraints hold for what was reached before.
+    SolverFailed(SolverStatus),
+}
+
+/// An answer whose constraints were verified.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// How it came out.
+    pub outcome: Outcome,
+    /// `R`, bit/s/Hz.
+    pub rate: f64,
+    /// `p`, watts.
+    pub user_power_w: f64,
+    /// `|b_j|`, square root of watts.
+    pub sensor_coefficients: Vec<f64>,
+    /// `eta`, one over square root of watts.
+    pub normalizing_factor: f64,
+    /// The least MSE that the channels allow, as the solver found it.
+    pub least_mse: f64,
+    /// What holds the rate back.
+    pub limited_by: LimitedBy,
+    /// Convex problems that were solved.
+    pub solves: u32,
+}
+
+/// A slot in noise-normalised units.
+#[derive(Clone, Debug)]
+struct Slot<'a> {
+    limits: &'a SlotLimits<f64>,
+    gains: &'a [PowerGain<f64>],
+    user_gain: f64,
+    /// `a_j`, in the order of the gains.
+    amplitude: Vec<f64>,
+    /// `Q`.
+    budget: f64,
+    kappa: f64,
+}
+
+/// Amplitudes and what follows from them.
+#[derive(Clone, Debug)]
+struct Point {
+    amplitude: Vec<f64>,
+    sum: f64,
+    energy: f64,
+    signal: f64,
+}
+
+impl Point {
+    fn efficiency(&self) -> f64 {
+        self.sum * (self.sum / self.energy)
+    }
+
+    fn sinr(&self) -> f64 {
+        self.signal / self.energy
+    }
+
+    fn eta(&self) -> f64 {
+        self.sum / (self.signal + self.energy)
+    }
+}
+
+/// Relative width at which the bisection over the SINR ends.
+const SINR_TOLERANCE: f64 = 1e-10;
+/// A bisection from `J / kappa` to [`SINR_TOLERANCE`] takes about 50 steps.
+const BISECTIONS_MAX: u32 = 200;
+
+/// eq:p1 by bisection over the SINR, one second-order-cone problem per step. `None` serves nobody.
+///
+/// The slot must be one that [`firmware_core`] accepts.
+pub fn bisect(
+    limits: &SlotLimits<f64>,
+    gains: &[PowerGain<f64>],
+    user: Option<PowerGain<f64>>,
+) -> Report {
+    let slot = Slot::new(limits, gains, user);
+    let mut solves = 0;
+    let peak = match slot.peak(&mut solves) {
+        Ok(peak) => peak,
+        Err(report) => return report,
+    };
+    if slot.budget <= 0.0 {
+        return slot.report(Outcome::Solved, &peak, &peak, solves);
+    }
+    let scale = slot.scale();
+    let mut best = slot.with_signal(peak.amplitude.clone());
+    let (mut low, mut high) = (best.sinr(), slot.gains.len() as f64 / slot.kappa - 1.0);
+    let mut outcome = Outcome::Solved;
+    for _ in 0..BISECTIONS_MAX {
+        if high - low <= SINR_TOLERANCE * high {
+            break;
+        }
+        let sinr = 0.5 * (low + high);
+        solves += 1;
+        // Aimed below the bound by more than Clarabel may miss it: the point that comes back
+        // must reach this SINR exactly.
+        let energy_max = slot.budget / sinr * (1.0 - 2e-9);
+        let (status, rival) = slot.least_energy(scale, Some(energy_max));
+        let rival = rival.map(|amplitude| slot.with_signal(amplitude));
+        match rival {
+            Some(rival) if rival.sinr() > best.sinr() => best = rival,
+            _ => {}
+        }
+        low = low.max(best.sinr());
+        if best.sinr() < sinr {
+            high = sinr;
+            if !(is_solution(status) || is_infeasible(status)) {
+                outcome = Outcome::SolverFailed(status);
+            }
+        }
+    }
+    slot.report(outcome, &best, &peak, solves)
+}
+
+/// Alg. 1 with eq:p_pbp solved by Clarabel; `settings` as in
+/// [`alternating`](firmware_core::inner::alternating).
+pub fn alternate(
+    limits: &SlotLimits<f64>,
+    gains: &[PowerGain<f64>],
+    user: Option<PowerGain<f64>>,
+    settings: &Settings<f64>,
+) -> Report {
+    let slot = Slot::new(limits, gains, user);
+    let mut solves = 0;
+    let peak = match slot.peak(&mut solves) {
+        Ok(peak) => peak,
+        Err(report) => return report,
+    };
+    if slot.budget <= 0.0 {
+        return slot.report(Outcome::Solved, &peak, &peak, solves);
+    }
+    let tolerance = settings.tolerance;
+    let mut here = peak.clone();
+    let mut outcome = Outcome::IterationLimit;
+    for _ in 0..settings.outer_max {
+        let eta = here.eta();
+        let (mut best, mut point) = (here.clone(), here.clone());
+        let mut psi = point.energy;
+        let mut at_rest = false;
+        let mut failed = None;
+        for _ in 0..settings.inner_max {
+            solves += 1;
+            let (status, next) = slot.subproblem(eta, psi);
+            let Some(next) = next else {
+                failed = Some(status);
+                break;
+            };
+            let slack = psi - next.signal;
+            let is_slack = slack > next.energy * (1.0 + tolerance);
+            psi = slack.max(next.energy);
+            at_rest = distance(eta, &point, eta, &next) <= tolerance && !is_slack;
+            point = next;
+            if point.sinr() > best.sinr() {
+                best = point.clone();
+            }
+            if at_rest {
+                break;
+            }
+        }
+        let change = (best.eta() - eta) / best.eta();
+        let moved = distance(eta, &here, best.eta(), &best).hypot(change);
+        here = best;
+        if let Some(status) = failed {
+            outcome = Outcome::SolverFailed(status);
+            break;
+        }
+        if moved <= tolerance {
+            if at_rest {
+                outcome = Outcome::Solved;
+            }
+            break;
+        }
+    }
+    slot.report(outcome, &here, &peak, solves)
+}
+
+/// Between two points in the variables of the stop rule, `x_j = eta y_j` and `eta^2 q`.
+fn distance(eta: f64, from: &Point, eta_to: f64, to: &Point) -> f64 {
+    let signal = eta_to * eta_to * to.signal - eta * eta * from.signal;
+    let pairs = from.amplitude.iter().zip(&to.amplitude);
+    pairs
+        .fold(signal * signal, |sum, (a, b)| {
+            let moved = eta_to * b - eta * a;
+            sum + moved * moved
+        })
+        .sqrt()
+}
+
+fn is_solution(status: SolverStatus) -> bool {
+    matches!(status, SolverStatus::Solved | SolverStatus::AlmostSolved)
+}
+
+fn is_infeasible(status: SolverStatus) -> bool {
+    matches!(
+        status,
+        SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible
+    )
+}
+
+impl<'a> Slot<'a> {
+    fn new(
+        limits: &'a SlotLimits<f64>,
+        gains: &'a [PowerGain<f64>],
+        user: Option<PowerGain<f64>>,
+    ) -> Self {
+        let per_noise = 1.0 / limits.noise_power.0;
+        let amplitude =
+            |gain: &PowerGain<f64>| (limits.sensor_power_max.0 * gain.0 * per_noise).sqrt();
+        let user_gain = user.map_or(0.0, |gain| gain.0);
+        Self {
+            limits,
+            gains,
+            user_gain,
+            amplitude: gains.iter().map(amplitude).collect(),
+            budget: limits.user_power_max.0 * user_gain * per_noise,
+            kappa: limits.kappa(gains.len()),
+        }
+    }
+
+    /// Into the bounds, with the sums, and nobody served.
+    fn silent(&self, mut amplitude: Vec<f64>) -> Point {
+        for (y, &a) in amplitude.iter_mut().zip(&self.amplitude) {
+            *y = y.clamp(0.0, a);
+        }
+        Point {
+            sum: amplitude.iter().sum(),
+            energy: 1.0 + amplitude.iter().map(|y| y * y).sum::<f64>(),
+            signal: 0.0,
+            amplitude,
+        }
+    }
+
+    /// The most signal that the MSE allows beside these amplitudes; 0 where it allows none.
+    fn with_signal(&self, amplitude: Vec<f64>) -> Point {
+        let point = self.silent(amplitude);
+        let room = (point.efficiency() / self.kappa - 1.0) * point.energy;
+        Point {
+            signal: room.min(self.budget).max(0.0),
+            ..point
+        }
+    }
+
+    /// A common amplitude of the order that the solution has: the best of a grid.
+    fn scale(&self) -> f64 {
+        let audible = || self.amplitude.iter().copied().filter(|&a| a > 0.0);
+        let weakest = audible().fold(f64::INFINITY, f64::min);
+        let strongest = audible().fold(0.0, f64::max);
+        let steps = (strongest / weakest).log2().ceil().clamp(0.0, 200.0);
+        let mut best = (0.0, 1.0);
+        let mut level = weakest;
+        for _ in 0..=steps as u32 {
+            let capped = self.amplitude.iter().map(|a| a.min(level)).collect();
+            let efficiency = self.silent(capped).efficiency();
+            if efficiency > best.0 {
+                best = (efficiency, level);
+            }
+            level *= 2.0;
+        }
+        best.1
+    }
+
+    /// The amplitudes of least MSE, or the report of a slot that is infeasible.
+    fn peak(&self, solves: &mut u32) -> Result<Point, Report> {
+        let nothing = self.silent(vec![0.0; self.gains.len()]);
+        if self.amplitude.iter().all(|&a| a <= 0.0) {
+            return Err(self.report(Outcome::Infeasible, &nothing, &nothing, *solves));
+        }
+        *solves += 1;
+        let (status, amplitude) = self.least_energy(self.scale(), None);
+        let Some(amplitude) = amplitude else {
+            let outcome = Outcome::SolverFailed(status);
+            return Err(self.report(outcome, &nothing, &nothing, *solves));
+        };
+        let peak = self.silent(amplitude);
+        if peak.efficiency() >= self.kappa {
+            return Ok(peak);
+        }
+        let outcome = if is_solution(status) {
+            Outcome::Infeasible
+        } else {
+            Outcome::SolverFailed(status)
+        };
+        Err(self.report(outcome, &peak, &peak, *solves))
+    }
+
+    /// The amplitudes of highest `A^2 / E`, with `E <= energy_max` where that is given.
+    ///
+    /// In `y = scale u / tau` (so that only ratios count): least `n` with `sum u = J'`,
+    /// `||(tau / scale, u)|| <= n`, `n <= sqrt(energy_max) / scale tau`, `0 <= u <= a / scale tau`,
+    /// over the `J'` sensors that can be heard.
+    fn least_energy(
+        &self,
+        scale: f64,
+        energy_max: Option<f64>,
+    ) -> (SolverStatus, Option<Vec<f64>>) {
+        let heard: Vec<usize> = (0..self.amplitude.len())
+            .filter(|&j| self.amplitude[j] > 0.0)
+            .collect();
+        let count = heard.len();
+        let (tau, norm) = (count, count + 1);
+        let mut problem = Problem::new(count + 2);
+        problem.objective[norm] = 1.0;
+        problem.row(
+            &(0..count).map(|j| (j, 1.0)).collect::<Vec<_>>(),
+            count as f64,
+        );
+        problem.cone(ZeroConeT(1));
+        for (u, &j) in heard.iter().enumerate() {
+            problem.row(&[(u, -1.0)], 0.0);
+            problem.row(&[(u, 1.0), (tau, -self.amplitude[j] / scale)], 0.0);
+        }
+        let mut bounds = 2 * count;
+        if let Some(energy) = energy_max {
+            problem.row(&[(norm, 1.0), (tau, -energy.sqrt() / scale)], 0.0);
+            bounds += 1;
+        }
+        problem.cone(NonnegativeConeT(bounds));
+        problem.row(&[(norm, -1.0)], 0.0);
+        problem.row(&[(tau, -1.0 / scale)], 0.0);
+        for u in 0..count {
+            problem.row(&[(u, -1.0)], 0.0);
+        }
+        problem.cone(SecondOrderConeT(count + 2));
+        let (status, x) = problem.solve(1e-10);
+        let usable = x.iter().all(|v| v.is_finite()) && x[tau] > 0.0 && !is_infeasible(status);
+        let amplitude = usable.then(|| {
+            let mut amplitude = vec![0.0; self.amplitude.len()];
+            for (u, &j) in heard.iter().enumerate() {
+                amplitude[j] = scale * x[u] / x[tau];
+            }
+            amplitude
+        });
+        (status, amplitude)
+    }
+
+    /// eq:p_pbp as printed, for a given `eta` and `t = 1 / psi_before`, in `x_j = eta y_j`,
+    /// `z = eta^2 q` and `Psi = eta^2 psi`: least `t Psi - w` with `w <= ln(z + Psi)`,
+    /// `sum (x - 1)^2 + z + nu <= J^2 Gamma`, `sum x^2 + nu <= Psi` and the bounds.
+    fn subproblem(&self, eta: f64, psi_before: f64) -> (SolverStatus, Option<Point>) {
+        let sensors = self.amplitude.len();
+        let (z, psi, w) = (sensors, sensors + 1, sensors + 2);
+        let noise = eta * eta;
+        let mut problem = Problem::new(sensors + 3);
+        problem.objective[psi] = 1.0 / (noise * psi_before);
+        problem.objective[w] = -1.0;
+        for (j, &a) in self.amplitude.iter().enumerate() {
+            problem.row(&[(j, -1.0)], 0.0);
+            // Beyond 1 + sqrt(J^2 Gamma) the MSE alone is over the threshold.
+            problem.row(&[(j, 1.0)], (eta * a).min(2.0 + (sensors as f64).sqrt()));
+        }
+        problem.row(&[(z, -1.0)], 0.0);
+        // Likewise for the interference.
+        problem.row(&[(z, 1.0)], (noise * self.budget).min(sensors as f64));
+        problem.cone(NonnegativeConeT(2 * sensors + 2));
+        // ||v||^2 <= r is ||(2 v, r - 1)|| <= r + 1.
+        let room = sensors as f64 - self.kappa - noise;
+        problem.row(&[(z, 1.0)], room + 1.0);
+        problem.row(&[(z, 1.0)], room - 1.0);
+        for j in 0..sensors {
+            problem.row(&[(j, -2.0)], -2.0);
+        }
+        problem.cone(SecondOrderConeT(sensors + 2));
+        problem.row(&[(psi, -1.0)], 1.0);
+        problem.row(&[(psi, -1.0)], -1.0);
+        problem.row(&[], 2.0 * eta);
+        for j in 0..sensors {
+            problem.row(&[(j, -2.0)], 0.0);
+        }
+        problem.cone(SecondOrderConeT(sensors + 3));
+        // (w, 1, z + Psi): e^w <= z + Psi.
+        problem.row(&[(w, -1.0)], 0.0);
+        problem.row(&[], 1.0);
+        problem.row(&[(z, -1.0), (psi, -1.0)], 0.0);
+        problem.cone(ExponentialConeT());
+        let (status, x) = problem.solve(1e-8);
+        if !(is_solution(status) && x.iter().all(|v| v.is_finite())) {
+            return (status, None);
+        }
+        let point = self.silent(x[..sensors].iter().map(|x| x / eta).collect());
+        // What this eta leaves for the signal with exactly these amplitudes; Clarabel's own
+        // value may be over by its tolerance.
+        let room = (2.0 * point.sum - self.kappa / eta) / eta - point.energy;
+        let signal = (x[z] / noise).min(room).min(self.budget).max(0.0);
+        (status, Some(Point { signal, ..point }))
+    }
+
+    /// In watts, verified: the user is silent unless the MSE of these very coefficients allows it.
+    fn report(&self, outcome: Outcome, point: &Point, peak: &Point, solves: u32) -> Report {
+        let sensors = self.gains.len() as f64;
+        let noise = self.limits.noise_power.0.sqrt();
+        let b_max = self.limits.coefficient_max();
+        let coefficient = |(y, gain): (&f64, &PowerGain<f64>)| {
+            let amplitude = gain.amplitude();
+            if amplitude > 0.0 {
+                (y * noise / amplitude).min(b_max)
+            } else {
+                0.0
+            }
+        };
+        let kept = point.efficiency() / self.kappa >= (1.0 + point.sinr()) * (1.0 - 1e-12);
+        let feasible = kept && outcome != Outcome::Infeasible;
+        let signal = if feasible { point.signal } else { 0.0 };
+        let power = if self.user_gain > 0.0 {
+            signal * self.limits.noise_power.0 / self.user_gain
+        } else {
+            0.0
+        };
+        Report {
+            outcome,
+            rate: (signal / point.energy).ln_1p() / core::f64::consts::LN_2,
+            user_power_w: power.min(self.limits.user_power_max.0),
+            sensor_coefficients: point
+                .amplitude
+                .iter()
+                .zip(self.gains)
+                .map(coefficient)
+                .collect(),
+            normalizing_factor: point.sum / ((signal + point.energy) * noise),
+            least_mse: (sensors - peak.efficiency()) / (sensors * sensors),
+            limited_by: if signal <= 0.0 {
+                LimitedBy::None
+            } else if signal >= self.budget {
+                LimitedBy::Power
+            } else {
+                LimitedBy::Accuracy
+            },
+            solves,
+        }
+    }
+}
+
+/// A conic problem under construction: least `objective x` with `b - A x` in the cones.
+#[derive(Debug)]
+struct Problem {
+    objective: Vec<f64>,
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    values: Vec<f64>,
+    right: Vec<f64>,
+    cones: Vec<SupportedConeT<f64>>,
+}
+
+impl Problem {
+    fn new(variables: usize) -> Self {
+        Self {
+            objective: vec![0.0; variables],
+            rows: Vec::new(),
+            columns: Vec::new(),
+            values: Vec::new(),
+            right: Vec::new(),
+            cones: Vec::new(),
+        }
+    }
+
+    fn row(&mut self, terms: &[(usize, f64)], right: f64) {
+        for &(column, value) in terms {
+            self.rows.push(self.right.len());
+            self.columns.push(column);
+            self.values.push(value);
+        }
+        self.right.push(right);
+    }
+
+    /// The rows since the last cone are in this one.
+    fn cone(&mut self, cone: SupportedConeT<f64>) {
+        self.cones.push(cone);
+    }
+
+    fn solve(self, tolerance: f64) -> (SolverStatus, Vec<f64>) {
+        let variables = self.objective.len();
+        let quadratic = CscMatrix::zeros((variables, variables));
+        let constraints = CscMatrix::new_from_triplets(
+            self.right.len(),
+            variables,
+            self.rows,
+            self.columns,
+            self.values,
+        );
+        let settings = DefaultSettings {
+            verbose: false,
+            tol_gap_abs: tolerance,
+            tol_gap_rel: tolerance,
+            tol_feas: tolerance,
+            ..DefaultSettings::default()
+        };
+        let solver = DefaultSolver::new(
+            &quadratic,
+            &self.objective,
+            &constraints,
+            &self.right,
+            &self.cones,
+            settings,
+        );
+        match solver {
+            Ok(mut solver) => {
+                solver.solve();
+                (solver.solution.status, solver.solution.x.clone())
+            }
+            // Dimensions are this module's own: the constructor has nothing else to refuse.
+            Err(_) => (SolverStatus::Unsolved, vec![f64::NAN; variables]),
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! The closed form and Alg. 1 against Clarabel.
+
+use firmware_core::{
+    PowerGain, Watt, aircomp,
+    inner::{PrefixSum, SensorField, SlotLimits, Solution, alternating},
+};
+use host_sim::{
+    conic::{self, Outcome, Report},
+    solve::Problem,
+};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+fn limits(problem: &Problem) -> SlotLimits<f64> {
+    SlotLimits {
+        sensor_power_max: Watt(problem.sensor_power_max),
+        user_power_max: Watt(problem.user_power_max),
+        noise_power: Watt(problem.noise_power),
+        mse_threshold: problem.mse_threshold,
+    }
+}
+
+fn gains(problem: &Problem) -> Vec<PowerGain<f64>> {
+    problem.sensor_gain.iter().copied().map(PowerGain).collect()
+}
+
+fn exact(problem: &Problem) -> (Solution<f64>, f64) {
+    let gains = gains(problem);
+    let mut amplitude = vec![0.0; gains.len()];
+    let mut sums = vec![PrefixSum::default(); gains.len()];
+    let field =
+        SensorField::new(&limits(problem), &gains, &mut amplitude, &mut sums).expect("a slot");
+    let solution = field
+        .solve(problem.user_gain.map(PowerGain))
+        .expect("a gain");
+    (solution, field.least_mse())
+}
+
+/// Whatever Clarabel said: bounds and accuracy, by the printed formulas.
+fn check(problem: &Problem, report: &Report) {
+    let gains = gains(problem);
+    assert!(
+        report
+            .sensor_coefficients
+            .iter()
+            .all(|b| b * b <= problem.sensor_power_max)
+    );
+    assert!((0.0..=problem.user_power_max).contains(&report.user_power_w));
+    let slot = aircomp::Slot {
+        sensor_gains: &gains,
+        sensor_coefficients: &report.sensor_coefficients,
+        user_gain: PowerGain(problem.user_gain.unwrap_or(0.0)),
+        user_power: Watt(report.user_power_w),
+        noise_power: Watt(problem.noise_power),
+    };
+    if report.outcome != Outcome::Infeasible {
+        let mse = slot.mse(report.normalizing_factor);
+        assert!(
+            mse <= problem.mse_threshold * (1.0 + 1e-9),
+            "{mse} {report:?} {problem:?}"
+        );
+        assert!((report.rate - slot.rate()).abs() <= 1e-9 * slot.rate() + 1e-15);
+    }
+}
+
+/// A slot as over the shipped areas, `J` from 1 to 40.
+fn draw(random: &mut Pcg64Mcg, orders: f64) -> Problem {
+    let sensors = random.random_range(1..=40);
+    let mut gain = || 10f64.powf(random.random_range(-12.0..-12.0 + orders));
+    let sensor_gain = (0..sensors).map(|_| gain()).collect();
+    let user_gain = Some(gain());
+    Problem {
+        sensor_gain,
+        user_gain,
+        sensor_power_max: 0.05,
+        user_power_max: 0.2,
+        noise_power: 3.162e-13,
+        mse_threshold: random.random_range(0.2..0.95) / sensors as f64,
+    }
+}
+
+#[test]
+fn bisection_finds_the_closed_form() {
+    let mut random = Pcg64Mcg::seed_from_u64(21);
+    let mut worst = 0.0_f64;
+    for case in 0..60 {
+        let problem = draw(&mut random, [2.0, 4.0, 8.0, 12.0][case % 4]);
+        let (solution, least_mse) = exact(&problem);
+        let report = conic::bisect(
+            &limits(&problem),
+            &gains(&problem),
+            problem.user_gain.map(PowerGain),
+        );
+        check(&problem, &report);
+        assert_eq!(
+            report.outcome == Outcome::Infeasible,
+            !solution.status.is_feasible(),
+            "{report:?} {problem:?}"
+        );
+        assert!(
+            (report.least_mse / least_mse - 1.0).abs() < 1e-6,
+            "{} {least_mse}",
+            report.least_mse
+        );
+        assert!(
+            report.rate <= solution.rate * (1.0 + 1e-9),
+            "{report:?} {solution:?}"
+        );
+        if solution.rate > 0.0 {
+            let short = 1.0 - report.rate / solution.rate;
+            println!("{case}: {short:e} {:?} {}", report.outcome, report.solves);
+            worst = worst.max(short);
+        }
+    }
+    println!("worst {worst:e}");
+    assert!(worst < 1e-6, "{worst}");
+}
+
+#[test]
+fn both_ways_of_alternating_agree() {
+    let mut random = Pcg64Mcg::seed_from_u64(22);
+    let settings = alternating::Settings::default();
+    for case in 0..4 {
+        let problem = draw(&mut random, [2.0, 4.0][case % 2]);
+        let (limits, gains) = (limits(&problem), gains(&problem));
+        let user = problem.user_gain.map(PowerGain);
+        let mut amplitude = vec![0.0; gains.len()];
+        let mut sums = vec![PrefixSum::default(); gains.len()];
+        let field = SensorField::new(&limits, &gains, &mut amplitude, &mut sums).expect("a slot");
+        let own = field.alternate(user, &settings, |_| {}).expect("a gain");
+        let report = conic::alternate(&limits, &gains, user, &settings);
+        println!(
+            "{case}: {} {} {:?} {} {}",
+            own.solution.rate, report.rate, report.outcome, own.subproblems, report.solves
+        );
+        check(&problem, &report);
+        let feasible = own.solution.status.is_feasible();
+        assert_eq!(report.outcome == Outcome::Infeasible, !feasible);
+        assert!(
+            (report.rate - own.solution.rate).abs() <= 1e-4 * own.solution.rate,
+            "{report:?} {own:?}"
+        );
+    }
+}
