@@ -1,4 +1,54 @@
-//! The onboard controller.
+//! The onboard controller of a UAV that serves ground users' uplinks and, on the same frequency
+//! and in the same slots, computes the average of what ground sensors measure over the air.
+//!
+//! No std, no allocator, no I/O, no clock, no threads, no globals: bytes and time come in as
+//! arguments, bytes and decisions come out. Everything numeric is generic over
+//! [`Scalar`] (`f64` on a host, `f32` on a microcontroller), every capacity is a const generic.
+//!
+//! # A slot
+//!
+//! ```text
+//! measured position --plan--> admissible waypoint + user --(fly)--> channel state --allocate--> slot command
+//!                    ^                                                                              |
+//!                    +-------------- state [counts; R_n; MSE_n; x_n, y_n] (M + 4) <-----------------+
+//! ```
+//!
+//! # The rooms, from the paper's equations to the vehicle
+//!
+//! | room | what it owns |
+//! |---|---|
+//! | [`mission`] | the validated parameters of a mission (Table I), the only place that rejects them |
+//! | [`channel`] | the probabilistic line-of-sight gain (eq:gain to eq:gmn) |
+//! | [`aircomp`] | MSE, rate and normalising factor as printed: the yardstick |
+//! | [`inner`] | the slot problem (eq:p1): the exact optimum, and the paper's own algorithm |
+//! | [`shield`] | hard constraints that hold whatever a policy says |
+//! | [`policy`] | who decides where to fly and whom to serve |
+//! | [`controller`] | plan and allocate |
+//! | [`link`] | frames to and from the ground |
+//! | [`autopilot`] | the MAVLink client |
+//! | [`onboard`] | all of it in one slot cycle: bytes in, bytes out |
+//! | [`time`], [`scalar`], [`units`] | what the others are written in |
+//!
+//! # A slot problem, solved
+//!
+//! ```
+//! use firmware_core::{PowerGain, Watt, inner::{SlotLimits, Workspace}};
+//!
+//! let limits = SlotLimits {
+//!     sensor_power_max: Watt(0.05),
+//!     user_power_max: Watt(0.2),
+//!     noise_power: Watt::from_dbm(-95.0),
+//!     mse_threshold: 0.015,
+//! };
+//! let sensors = [PowerGain(4e-12); 36];
+//! let mut workspace = Workspace::<f64, 64>::default();
+//! let field = workspace.sensors(&limits, &sensors)?;
+//! let slot = field.solve(Some(PowerGain(2e-12)))?;
+//! assert!(slot.status.is_feasible());
+//! // No position can do better: log2(1 / (1 - J Gamma)).
+//! assert!(slot.rate > 0.0 && slot.rate < 1.121);
+//! # Ok::<(), firmware_core::inner::SlotError<f64>>(())
+//! ```
 #![no_std]
 #![deny(missing_docs)]
 

@@ -1,10 +1,22 @@
-//! The host's side.
+//! Everything around the onboard controller: scenarios, the world and its signals, the vehicle,
+//! links, flights, reports. Flight logic itself lives in [`firmware_core`] and is only called
+//! from here.
+//!
+//! | room | what it owns |
+//! |---|---|
+//! | [`scenario`] | missions as TOML files |
+//! | [`world`], [`nomographic`] | true channels, the signals themselves, what sensors measure |
+//! | [`vehicle`] | the built-in vehicle: a MAVLink endpoint around a simulated body |
+//! | [`flight`] | one mission, world to vehicle and back, in one loop |
+//! | [`policy`] | the policies that can be named on a command line |
+//! | [`record`] | what a flight leaves behind |
 
 pub mod conic;
 pub mod flight;
 pub mod interrupt;
 pub mod link;
 pub mod nomographic;
+pub mod policy;
 pub mod record;
 pub mod report;
 pub mod scenario;

@@ -8,30 +8,39 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use command::scenario;
+use command::{run, scenario, solve, vehicle};
 
 /// A UAV that serves users and averages sensors over the air: flies missions, end to end.
 #[derive(Debug, Parser)]
-#[command(
-    version,
-    about,
-    subcommand_required = true,
-    arg_required_else_help = true
-)]
+#[command(version, about, long_about = None, args_conflicts_with_subcommands = true)]
 struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    /// Without a command: run.
+    #[command(flatten)]
+    run: run::RunArguments,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Fly one mission; what happens without any command, too
+    Run(run::RunArguments),
+    /// The built-in vehicle as a process of its own, speaking MAVLink to anyone
+    Vehicle(vehicle::VehicleArguments),
+    /// Solve slot problems given as JSON lines
+    Solve(solve::SolveArguments),
     /// Make, check or draw a scenario
     #[command(subcommand)]
     Scenario(scenario::Command),
 }
 
 fn main() -> ExitCode {
-    let outcome = match Arguments::parse().command {
+    let arguments = Arguments::parse();
+    let command = arguments.command.unwrap_or(Command::Run(arguments.run));
+    let outcome = match command {
+        Command::Run(arguments) => run::execute(&arguments),
+        Command::Vehicle(arguments) => vehicle::execute(&arguments),
+        Command::Solve(arguments) => solve::execute(&arguments),
         Command::Scenario(command) => scenario::execute(command),
     };
     match outcome {

@@ -156,7 +156,7 @@ impl Hand {
     fn wait(&mut self, seconds: f64) {
         let end = self.now + Duration::from_secs_f64(seconds);
         while self.now < end {
-            if self.heartbeats && self.now.micros() % 1_000_000 == 0 {
+            if self.heartbeats && self.now.micros().is_multiple_of(1_000_000) {
                 self.send(&MavMessage::HEARTBEAT(HEARTBEAT_DATA::DEFAULT));
             }
             self.now += Duration::from_millis(10);

@@ -2,16 +2,14 @@
 
 use firmware_core::policy::StraightLine;
 use host_sim::{
-    flight::{FlightSettings, Pace, Peer, fly, map_origin},
+    flight::{FlightSettings, Pace, Peer, fly, vehicle_settings},
     record::FlightRecord,
     scenario::Scenario,
-    vehicle::{Profile, Vehicle, VehicleSettings},
+    vehicle::{Profile, Vehicle},
 };
 
 fn flown(profile: Profile) -> FlightRecord {
     let scenario = Scenario::shipped("separated").unwrap();
-    let p = scenario.mission.parameters();
-    let vehicle = VehicleSettings::new(profile, map_origin(&scenario), p.start);
     let settings = FlightSettings {
         policy: "straight-line".into(),
         profile,
@@ -20,7 +18,7 @@ fn flown(profile: Profile) -> FlightRecord {
         symbols_per_slot: 400,
     };
     let policy = StraightLine::new(&scenario.mission);
-    let peer = Peer::BuiltIn(Box::new(Vehicle::new(vehicle)));
+    let peer = Peer::built_in(Vehicle::new(vehicle_settings(&scenario, profile)));
     fly(&scenario, policy, &settings, peer, &mut ()).unwrap_or_else(|failed| {
         let record = failed.record.unwrap();
         panic!("{} {:#?}", failed.error, record.events)

@@ -16,7 +16,7 @@
 use firmware_core::{
     Displacement, Mission, Position, PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
     aircomp::Slot,
-    inner::{SlotLimits, Status, exact::Workspace},
+    inner::{SlotLimits, Status, Workspace},
     policy::Observation,
     shield::{self, Fairness, Intervention, ReachableSet},
 };

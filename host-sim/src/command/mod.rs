@@ -1,6 +1,9 @@
 //! The command line, a module per subcommand: reads arguments, calls the library, prints.
 
+pub(crate) mod run;
 pub(crate) mod scenario;
+pub(crate) mod solve;
+pub(crate) mod vehicle;
 
 use std::{fmt::Display, io, path::Path, process::ExitCode};
 

@@ -16,7 +16,7 @@ use std::time::Instant as WallInstant;
 
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::{self, Autopilot, SettingsError, frames::Geodetic, wire::MAX_FRAME},
+    autopilot::{self, Autopilot, Phase, SettingsError, frames::Geodetic, wire::MAX_FRAME},
     controller::Controller,
     link::FRAME_MAX,
     onboard::{Activity, Fault, Onboard, Probe, Settings, Stage},
@@ -28,7 +28,7 @@ use thiserror::Error;
 use crate::{
     record::{FlightEvent, FlightRecord, PathSample, SlotRecord},
     scenario::Scenario,
-    vehicle::Profile,
+    vehicle::{Profile, VehicleSettings},
     world::World,
 };
 
@@ -36,6 +36,9 @@ use clock::Clock;
 pub use clock::Pace;
 use ground::Ground;
 pub use peer::Peer;
+
+/// How long an autopilot's first heartbeat is waited for.
+const CONNECT_PATIENCE: Instant = Instant::from_micros(30_000_000);
 
 /// How a mission is flown.
 #[derive(Clone, Debug)]
@@ -80,6 +83,14 @@ pub enum FlightError {
     /// The link failed.
     #[error("link: {0}")]
     Link(#[from] std::io::Error),
+    /// No autopilot at the other end.
+    #[error(
+        "no heartbeat of an autopilot in {waited_s:.0} s: is it running, and at the other end of --link?"
+    )]
+    NobodyThere {
+        /// For how long, seconds of flight.
+        waited_s: f64,
+    },
     /// The mission was broken off.
     #[error("broken off after {slots_done} of {slots} slots: {reason}")]
     BrokenOff {
@@ -119,7 +130,9 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
         error,
         record: None,
     })?;
-    let outcome = flight.run(&mut peer, observer);
+    let outcome = flight
+        .run(&mut peer, observer)
+        .and_then(|()| Ok(peer.finish()?));
     let record = flight.record(scenario, settings);
     match outcome {
         Ok(()) => Ok(record),
@@ -136,6 +149,15 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
     autopilot::Settings {
         limits: profile.client_limits(),
         ..autopilot::Settings::new(map_origin(scenario), p.start, p.altitude_m, p.max_speed_mps)
+    }
+}
+
+/// The built-in vehicle for a mission: on the ground at its start.
+pub fn vehicle_settings(scenario: &Scenario, profile: Profile) -> VehicleSettings {
+    let start = scenario.mission.parameters().start;
+    VehicleSettings {
+        elevation_m: scenario.origin.elevation_m,
+        ..VehicleSettings::new(profile, map_origin(scenario), start)
     }
 }
 
@@ -193,6 +215,10 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             self.note_events(now, observer);
             if self.onboard.autopilot().phase().is_final() {
                 return self.verdict();
+            }
+            if self.onboard.autopilot().phase() == Phase::Connecting && now > CONNECT_PATIENCE {
+                let waited_s = now.since(Instant::ZERO).as_secs_f64();
+                return Err(FlightError::NobodyThere { waited_s });
             }
             if !stop_asked && observer.wants_stop() {
                 stop_asked = true;

@@ -376,7 +376,7 @@ fn one_line(text: &str, error: &toml::de::Error) -> String {
     let message = error.message().replace('\n', "; ");
     match error.span() {
         Some(span) => {
-            let line = text[..span.start.min(text.len())].lines().count().max(1);
+            let line = 1 + text[..span.start.min(text.len())].matches('\n').count();
             let shown = text[span.start.min(text.len())..span.end.min(text.len())].trim();
             if shown.is_empty() || shown.contains('\n') || shown.len() > 60 {
                 format!("{message} (line {line})")

@@ -1,0 +1,187 @@
+//! `host-sim run`: flies one mission and writes what came of it.
+
+use std::{
+    io::{IsTerminal, Write},
+    path::PathBuf,
+    str::FromStr,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use clap::Args;
+use host_sim::{
+    flight::{self, FlightSettings, Observer, Pace, Peer},
+    interrupt,
+    link::LinkAddress,
+    policy::PolicyChoice,
+    record::{FlightEvent, FlightRecord, SlotRecord, Summary},
+    report::{self, Look},
+    scenario::Scenario,
+    vehicle::{Profile, Vehicle},
+    world::SYMBOLS_PER_SLOT,
+};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::{Failure, load_scenario};
+
+/// How to fly.
+#[derive(Debug, Args)]
+pub(crate) struct RunArguments {
+    /// The mission: a TOML file, or the name of a shipped scenario (separated, mixed)
+    #[arg(long, default_value = "separated", value_name = "FILE")]
+    scenario: PathBuf,
+    /// Who decides: straight-line, fixed, or a file
+    #[arg(long, default_value = "straight-line")]
+    policy: PolicyChoice,
+    /// Which vehicle
+    #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
+    profile: Profile,
+    /// Where the vehicle is: builtin, udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or
+    /// serial:DEVICE:BAUD
+    #[arg(long, default_value = "builtin")]
+    link: LinkAddress,
+    /// How fast time passes: so many seconds of flight a second, or max
+    #[arg(long, default_value = "max", value_parser = parse_pace, value_name = "X|max")]
+    speed: Pace,
+    /// Of the symbols and the noise that are drawn
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Symbols drawn in each slot for the empirical MSE
+    #[arg(long, default_value_t = SYMBOLS_PER_SLOT, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    symbols: u32,
+    /// Where to write summary.json, slots.csv, report.html and the MAVLink log
+    #[arg(long, default_value = "out", value_name = "DIR")]
+    out: PathBuf,
+    /// Print summary.json on standard output, and nothing else there
+    #[arg(long)]
+    json: bool,
+}
+
+fn parse_pace(text: &str) -> Result<Pace, String> {
+    if text == "max" {
+        return Ok(Pace::Max);
+    }
+    match text.parse::<f64>() {
+        Ok(factor) if factor.is_finite() && (0.001..=1000.0).contains(&factor) => {
+            Ok(Pace::Factor(factor))
+        }
+        _ => Err("must be a number from 0.001 to 1000, or max".into()),
+    }
+}
+
+/// Flies, writes, prints.
+pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
+    let scenario = load_scenario(&arguments.scenario)?;
+    let policy = host_sim::policy::HostPolicy::load(&arguments.policy, &scenario)
+        .map_err(Failure::bad_input)?;
+    report::prepare(&arguments.out).map_err(|error| {
+        Failure::bad_input(format!("--out {}: {error}", arguments.out.display()))
+    })?;
+    let settings = FlightSettings {
+        policy: arguments.policy.to_string(),
+        profile: arguments.profile,
+        pace: arguments.speed,
+        seed: arguments.seed,
+        symbols_per_slot: arguments.symbols,
+    };
+    let peer = connect(arguments, &scenario)?
+        .log_to(&arguments.out.join("mavlink.tlog"))
+        .map_err(|error| Failure::failed(format!("mavlink.tlog: {error}")))?;
+    let mut show = Show::new(&scenario)?;
+    let flown = flight::fly(&scenario, policy, &settings, peer, &mut show);
+    show.bar.finish_and_clear();
+    match flown {
+        Ok(record) => conclude(&record, arguments),
+        Err(failed) => {
+            for event in failed.record.iter().flat_map(|record| &record.events) {
+                eprintln!("{:9.2} s  {}", event.time_s, event.text);
+            }
+            Err(Failure::failed(failed.error))
+        }
+    }
+}
+
+/// The vehicle: built in, or at the other end of `--link`.
+fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failure> {
+    if arguments.link == LinkAddress::Builtin {
+        let vehicle = flight::vehicle_settings(scenario, arguments.profile);
+        return Ok(Peer::built_in(Vehicle::new(vehicle)));
+    }
+    match arguments.link.open() {
+        Ok(link) => Ok(Peer::elsewhere(link)),
+        Err(error) => Err(Failure::failed(format!(
+            "--link {}: {error}",
+            arguments.link
+        ))),
+    }
+}
+
+/// Writes the files and prints the summary.
+fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failure> {
+    let out = &arguments.out;
+    let summary: Summary = report::write(record, out)
+        .map_err(|error| Failure::failed(format!("{}: {error}", out.display())))?;
+    let mut stdout = std::io::stdout().lock();
+    if arguments.json {
+        let text = serde_json::to_string_pretty(&summary).map_err(Failure::failed)?;
+        writeln!(stdout, "{text}")?;
+    } else {
+        writeln!(
+            stdout,
+            "{}",
+            report::table(record, &summary, Look::of_stdout())
+        )?;
+        writeln!(stdout, "report: {}", out.join("report.html").display())?;
+    }
+    Ok(())
+}
+
+/// A progress bar over slots on a terminal, and ctrl-C.
+struct Show {
+    bar: ProgressBar,
+    data: f64,
+    stop: Arc<AtomicBool>,
+}
+
+impl Show {
+    fn new(scenario: &Scenario) -> Result<Self, Failure> {
+        let target = if std::io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr()
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let slots = u64::from(scenario.mission.slots());
+        let bar = ProgressBar::with_draw_target(Some(slots), target).with_style(
+            ProgressStyle::with_template("slot {pos}/{len} {wide_bar} {msg} {elapsed}")
+                .map_err(Failure::failed)?,
+        );
+        Ok(Self {
+            bar,
+            data: 0.0,
+            stop: interrupt::flag(),
+        })
+    }
+}
+
+impl Observer for Show {
+    fn slot(&mut self, slot: &SlotRecord) {
+        self.data += slot.rate;
+        self.bar.set_message(format!(
+            "user {} {:.3} bit/s/Hz, {:.2} in all",
+            slot.served_user, slot.rate, self.data
+        ));
+        self.bar.set_position(u64::from(slot.slot));
+    }
+
+    fn event(&mut self, event: &FlightEvent) {
+        if self.bar.position() == 0 {
+            self.bar.set_message(event.text.clone());
+        }
+    }
+
+    fn wants_stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}

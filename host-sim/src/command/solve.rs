@@ -1,0 +1,65 @@
+//! `host-sim solve`: slot problems as JSON lines.
+
+use std::{
+    fs::File,
+    io::{self, BufRead, BufReader, BufWriter, Write},
+    path::PathBuf,
+};
+
+use clap::Args;
+use host_sim::solve::{self, Method, Precision};
+
+use super::Failure;
+
+/// What to solve, and how.
+#[derive(Debug, Args)]
+pub(crate) struct SolveArguments {
+    /// Which solver
+    #[arg(long, value_enum, default_value_t)]
+    method: Method,
+    /// The arithmetic of the solver
+    #[arg(long, value_enum, default_value_t)]
+    precision: Precision,
+    /// Slot problems, a JSON object a line; standard input without
+    file: Option<PathBuf>,
+}
+
+/// Answers line by line on standard output; lines that were no problem are counted on standard
+/// error.
+pub(crate) fn execute(arguments: &SolveArguments) -> Result<(), Failure> {
+    let input: Box<dyn BufRead> = match &arguments.file {
+        Some(path) => {
+            let named = |error| Failure::bad_input(format!("{}: {error}", path.display()));
+            let file = File::open(path).map_err(named)?;
+            if file.metadata()?.is_dir() {
+                return Err(Failure::bad_input(format!(
+                    "{}: is a folder",
+                    path.display()
+                )));
+            }
+            Box::new(BufReader::new(file))
+        }
+        None => Box::new(io::stdin().lock()),
+    };
+    let mut output = BufWriter::new(io::stdout().lock());
+    let solved = solve::run(arguments.method, arguments.precision, input, &mut output)
+        .and_then(|tally| Ok(output.flush().map(|()| tally)?));
+    match solved {
+        Ok(tally) if tally.errors > 0 => {
+            eprintln!(
+                "{} of {} lines were no slot problem",
+                tally.errors, tally.lines
+            );
+            Ok(())
+        }
+        Ok(_) => Ok(()),
+        // Whoever read our output has had enough.
+        Err(error) if is_broken_pipe(&error) => Ok(()),
+        Err(error) => Err(Failure::failed(error)),
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    let io = error.downcast_ref::<io::Error>();
+    io.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,50 @@
+//! `host-sim vehicle`: the built-in vehicle as a process of its own.
+
+use std::{path::PathBuf, str::FromStr};
+
+use clap::Args;
+use host_sim::{
+    flight, interrupt,
+    link::LinkAddress,
+    vehicle::{Profile, serve},
+};
+
+use super::{Failure, load_scenario};
+
+/// Which vehicle, and where.
+#[derive(Debug, Args)]
+pub(crate) struct VehicleArguments {
+    /// Where to speak MAVLink
+    #[arg(long, default_value = "udpin:127.0.0.1:14550", value_name = "LINK")]
+    listen: LinkAddress,
+    /// How it behaves
+    #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
+    profile: Profile,
+    /// How fast time passes: so many seconds of flight a second
+    #[arg(long, default_value_t = 1.0, value_name = "X")]
+    speed: f64,
+    /// The mission at whose start it stands: a TOML file, or the name of a shipped scenario
+    #[arg(long, default_value = "separated", value_name = "FILE")]
+    scenario: PathBuf,
+}
+
+/// Serves until ctrl-C.
+pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
+    let scenario = load_scenario(&arguments.scenario)?;
+    if !(arguments.speed.is_finite() && (0.001..=1000.0).contains(&arguments.speed)) {
+        return Err(Failure::bad_input(format!(
+            "--speed is {}, but must be a number from 0.001 to 1000",
+            arguments.speed
+        )));
+    }
+    let settings = flight::vehicle_settings(&scenario, arguments.profile);
+    eprintln!(
+        "{} vehicle at {}, speed {}; ctrl-C ends it",
+        arguments.profile.name(),
+        arguments.listen,
+        arguments.speed
+    );
+    let stop = interrupt::flag();
+    serve(&arguments.listen, settings, arguments.speed, &stop)
+        .map_err(|error| Failure::failed(format!("--listen {}: {error}", arguments.listen)))
+}
