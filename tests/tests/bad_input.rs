@@ -1,0 +1,137 @@
+//! Nonsense in: exit code 2, one line that says what is wrong and what would be right, nothing
+//! left behind.
+
+use std::{fs, path::Path};
+
+use assert_cmd::assert::OutputAssertExt;
+use end_to_end::{program, repository};
+use tempfile::tempdir;
+
+/// Runs with these arguments and expects a refusal whose line holds all of `expected`.
+fn refused(arguments: &[&str], expected: &[&str]) {
+    let folder = tempdir().unwrap();
+    let out = folder.path().join("run");
+    let output = program("host-sim")
+        .args(arguments)
+        .arg("--out")
+        .arg(&out)
+        .assert()
+        .code(2)
+        .get_output()
+        .clone();
+    let complaint = String::from_utf8(output.stderr).unwrap();
+    for part in expected {
+        assert!(complaint.contains(part), "`{part}` is not in: {complaint}");
+    }
+    assert!(!complaint.contains("panicked"), "{complaint}");
+    assert!(output.stdout.is_empty());
+    assert!(!out.join("summary.json").exists() && !out.join("report.html").exists());
+}
+
+/// A scenario with one thing changed.
+fn scenario_with(folder: &Path, old: &str, new: &str) -> String {
+    let text = fs::read_to_string(repository().join("scenarios/separated.toml")).unwrap();
+    assert!(text.contains(old), "{old}");
+    let path = folder.join("changed.toml");
+    fs::write(&path, text.replacen(old, new, 1)).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_missing_scenario_is_named() {
+    refused(
+        &["run", "--scenario", "nowhere/mission.toml"],
+        &["error: nowhere/mission.toml: No such file"],
+    );
+}
+
+#[test]
+fn each_wrong_field_is_named_with_its_value_and_range() {
+    let text = fs::read_to_string(repository().join("scenarios/separated.toml")).unwrap();
+    let users = &text[text.find("[users]").unwrap()..text.find("[sensors]").unwrap()];
+    let none = "[users]\npower_max_w = 0.2\npositions_m = []\n";
+    let cases: [(&str, &str, &[&str]); 8] = [
+        (
+            "altitude_m =",
+            "altitud_m =",
+            &["unknown field `altitud_m`", "line 10"],
+        ),
+        (
+            "power_max_w = 0.2",
+            "power_max_w = -0.2",
+            &["users.power_max_w is -0.2", "above 0"],
+        ),
+        (
+            "[385.9, 556.9]",
+            "[nan, 556.9]",
+            &["users.positions_m[0] is [NaN, 556.9]", "[0, 1000]"],
+        ),
+        (
+            "mse_threshold = 0.015",
+            "mse_threshold = 0.028",
+            &["mse_threshold is 0.028", "1/J = 0.0277"],
+        ),
+        (
+            "max_speed_mps = 30.0",
+            "max_speed_mps = 20.0",
+            &["mission.destination_m is 1272.79", "1220 m"],
+        ),
+        (users, none, &["users.positions_m is empty"]),
+        (
+            "slots = 60",
+            "slots = \"sixty\"",
+            &["mission.slots", "expected u32", "line 5"],
+        ),
+        ("[mission]", "[mission", &["line 4"]),
+    ];
+    for (old, new, expected) in cases {
+        let folder = tempdir().unwrap();
+        let file = scenario_with(folder.path(), old, new);
+        let mut expected = expected.to_vec();
+        expected.push("changed.toml: ");
+        refused(&["run", "--scenario", &file], &expected);
+    }
+}
+
+#[test]
+fn more_sensors_than_the_controller_holds_are_refused() {
+    let folder = tempdir().unwrap();
+    let row = "    [600.0, 300.0],\n";
+    let more = format!("[sensors]\npositions_m = [\n{}", row.repeat(60));
+    let file = scenario_with(folder.path(), "[sensors]\npositions_m = [\n", &more);
+    refused(
+        &["run", "--scenario", &file],
+        &["sensors.positions_m has 96 entries", "at most 64"],
+    );
+}
+
+#[test]
+fn a_policy_file_that_is_none_is_refused() {
+    let folder = tempdir().unwrap();
+    for name in ["broken.onnx", "broken.policy"] {
+        let path = folder.path().join(name);
+        fs::write(&path, b"this is no policy").unwrap();
+        refused(&["run", "--policy", path.to_str().unwrap()], &[name]);
+        let missing = folder.path().join(format!("missing-{name}"));
+        refused(
+            &["run", "--policy", missing.to_str().unwrap()],
+            &["missing-"],
+        );
+    }
+    refused(&["run", "--policy", "clever"], &["clever", "straight-line"]);
+}
+
+#[test]
+fn an_output_folder_that_is_a_file_is_refused_and_kept() {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("out");
+    fs::write(&file, "mine").unwrap();
+    let run = program("host-sim")
+        .args(["run", "--out"])
+        .arg(&file)
+        .assert()
+        .code(2);
+    let complaint = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert!(complaint.contains("--out"), "{complaint}");
+    assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+}

@@ -1,0 +1,117 @@
+//! The main job, as a person would start it.
+
+use std::{fs, path::Path};
+
+use assert_cmd::assert::OutputAssertExt;
+use end_to_end::program;
+use serde_json::Value;
+use tempfile::tempdir;
+
+/// Flies into `out` and returns the summary that was printed.
+fn fly(out: &Path, arguments: &[&str]) -> Value {
+    let output = program("host-sim")
+        .arg("run")
+        .args(arguments)
+        .arg("--json")
+        .arg("--out")
+        .arg(out)
+        .assert()
+        .success();
+    serde_json::from_slice(&output.get_output().stdout).unwrap()
+}
+
+/// What every flown mission owes.
+fn assert_sound(summary: &Value) {
+    assert_eq!(summary["slots"], 60, "{summary}");
+    for promise in ["arrived", "fair"] {
+        assert_eq!(summary[promise], true, "{promise}: {summary}");
+    }
+    for fault in ["mse_violations", "constraint_violations"] {
+        assert_eq!(summary[fault], 0, "{fault}: {summary}");
+    }
+    for user in summary["users"].as_array().unwrap() {
+        assert!(user["slots"].as_u64().unwrap() >= 4, "{summary}");
+    }
+}
+
+#[test]
+fn the_straight_line_keeps_every_promise_on_both_topologies_and_vehicles() {
+    let folder = tempdir().unwrap();
+    for scenario in ["separated", "mixed"] {
+        for profile in ["ideal", "multirotor"] {
+            let arguments = [
+                "--scenario",
+                scenario,
+                "--profile",
+                profile,
+                "--policy",
+                "straight-line",
+            ];
+            let out = folder.path().join(format!("{scenario}-{profile}"));
+            let summary = fly(&out, &arguments);
+            assert_sound(&summary);
+            let ratio = summary["empirical_mse_ratio"].as_f64().unwrap();
+            let error = summary["empirical_mse_ratio_standard_error"]
+                .as_f64()
+                .unwrap();
+            assert!((ratio - 1.0).abs() < 3.0 * error, "{summary}");
+            for file in ["summary.json", "slots.csv", "report.html", "mavlink.tlog"] {
+                assert!(fs::metadata(out.join(file)).unwrap().len() > 0, "{file}");
+            }
+            let written = fs::read_to_string(out.join("summary.json")).unwrap();
+            assert_eq!(serde_json::from_str::<Value>(&written).unwrap(), summary);
+        }
+    }
+}
+
+/// 20,000 symbols in every slot: the empirical MSE of the mission within 3 standard errors.
+#[test]
+fn the_signals_agree_with_the_formula() {
+    let folder = tempdir().unwrap();
+    let arguments = ["--symbols", "20000", "--policy", "straight-line"];
+    let summary = fly(folder.path(), &arguments);
+    let ratio = summary["empirical_mse_ratio"].as_f64().unwrap();
+    let error = summary["empirical_mse_ratio_standard_error"]
+        .as_f64()
+        .unwrap();
+    assert!(error < 1e-3, "{error}");
+    assert!((ratio - 1.0).abs() < 3.0 * error, "{ratio} +- {error}");
+}
+
+/// Removes what is measured with a clock.
+fn without_times(summary: &mut Value) {
+    let fields = summary.as_object_mut().unwrap();
+    assert!(fields.remove("plan_us").is_some() && fields.remove("allocate_us").is_some());
+}
+
+/// slots.csv without its last two columns, which are times.
+fn slots_without_times(out: &Path) -> Vec<String> {
+    let text = fs::read_to_string(out.join("slots.csv")).unwrap();
+    assert!(
+        text.lines()
+            .next()
+            .unwrap()
+            .ends_with(",plan_us,allocate_us")
+    );
+    let keep = |line: &str| line.rsplitn(3, ',').last().unwrap().to_owned();
+    text.lines().map(keep).collect()
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let folder = tempdir().unwrap();
+    let outs = ["a", "b", "c"].map(|name| folder.path().join(name));
+    let mut summaries = [("1", &outs[0]), ("1", &outs[1]), ("2", &outs[2])]
+        .map(|(seed, out)| fly(out, &["--seed", seed]));
+    summaries.iter_mut().for_each(without_times);
+    assert_eq!(summaries[0].to_string(), summaries[1].to_string());
+    assert_eq!(slots_without_times(&outs[0]), slots_without_times(&outs[1]));
+    let logs = outs
+        .each_ref()
+        .map(|out| fs::read(out.join("mavlink.tlog")).unwrap());
+    assert_eq!(logs[0], logs[1]);
+    // The signals follow the seed; the flight does not.
+    let ratio = "empirical_mse_ratio";
+    assert_ne!(summaries[0][ratio], summaries[2][ratio]);
+    assert_eq!(summaries[0]["sum_rate"], summaries[2]["sum_rate"]);
+}
