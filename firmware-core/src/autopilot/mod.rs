@@ -27,7 +27,7 @@
 //! [`wire`] bytes and messages · [`frames`] map and north-east-down · [`profile`] differences
 //! between autopilots · [`guidance`] trajectories · `command` acknowledged commands ·
 //! `telemetry` what the vehicle last said · `sequence` the phases · [`failsafe`] what can go
-//! wrong · `checks` what is looked at before a flight.
+//! wrong · `checks` what is looked at before a flight · [`mission`] upload of a whole mission.
 
 mod checks;
 mod command;
@@ -36,6 +36,7 @@ pub mod failsafe;
 pub mod frames;
 pub mod guidance;
 mod intake;
+pub mod mission;
 pub mod profile;
 mod sequence;
 mod settings;

@@ -85,7 +85,9 @@ impl Vehicle {
                     target_component: from.component,
                 }));
             }
-            _ => {}
+            other => {
+                self.handle_mission(now, from, other);
+            }
         }
     }
 
@@ -158,6 +160,7 @@ impl Vehicle {
                 self.set_mode(FlightMode::Return);
                 R::MAV_RESULT_ACCEPTED
             }
+            MavCmd::MAV_CMD_MISSION_START => self.start_mission(now),
             // Only once there is a target whose speed could change.
             MavCmd::MAV_CMD_DO_CHANGE_SPEED if self.setpoint.is_none() => R::MAV_RESULT_FAILED,
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => R::MAV_RESULT_ACCEPTED,

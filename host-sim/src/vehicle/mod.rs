@@ -10,6 +10,7 @@
 
 mod body;
 mod endpoint;
+mod missions;
 mod parameters;
 mod profile;
 mod serve;
@@ -30,6 +31,7 @@ pub use profile::Profile;
 pub use serve::serve;
 
 use body::{Body, Demand, Target};
+use missions::Missions;
 use parameters::Parameters;
 use telemetry::Streams;
 
@@ -150,6 +152,7 @@ pub struct Vehicle {
     crashed: bool,
     /// PX4: left OFFBOARD because setpoints stopped.
     sinks: bool,
+    missions: Missions,
     parameters: Parameters,
     streams: Streams,
     /// Set from outside to make things go wrong.
@@ -187,6 +190,7 @@ impl Vehicle {
             ground_heard: None,
             crashed: false,
             sinks: false,
+            missions: Missions::default(),
             parameters,
             streams: Streams::of(settings.profile),
             faults: Faults::default(),
@@ -217,6 +221,11 @@ impl Vehicle {
     /// What it is doing.
     pub fn mode(&self) -> FlightMode {
         self.mode
+    }
+
+    /// How many mission items it has stored.
+    pub fn mission_items(&self) -> usize {
+        self.missions.len()
     }
 
     /// Takes a datagram, or a piece of a byte stream, that came at `now`.
@@ -251,6 +260,7 @@ impl Vehicle {
             self.time += STEP;
             self.step_body();
         }
+        self.tend_mission_transfer(now);
         self.transmit_due(now);
     }
 
@@ -302,6 +312,7 @@ impl Vehicle {
 
     fn step_body(&mut self) {
         self.own_failsafes();
+        self.fly_mission();
         let demand = self.demand();
         let ability = self.ability();
         self.body.step(STEP.as_secs_f64(), &demand, &ability);
@@ -360,12 +371,15 @@ impl Vehicle {
         let hold = Demand::Hold {
             altitude_m: self.hold_altitude_m,
         };
-        if self.body.is_on_ground() && self.take_off_to.is_none() && !self.rises_by_setpoint() {
+        let rises =
+            self.take_off_to.is_some() || self.rises_by_setpoint() || self.mode == FlightMode::Auto;
+        if self.body.is_on_ground() && !rises {
             return Demand::Rest;
         }
         match self.mode {
             FlightMode::Manual if self.sinks => Demand::Descend { rate_mps: 0.5 },
-            FlightMode::Manual | FlightMode::Loiter | FlightMode::Auto => hold,
+            FlightMode::Manual | FlightMode::Loiter => hold,
+            FlightMode::Auto => self.mission_demand().unwrap_or(hold),
             FlightMode::Land => Demand::Descend {
                 rate_mps: self.settings.ability.descent_mps,
             },

@@ -1,0 +1,532 @@
+//! The other way to fly a mission: hand the whole of it to the autopilot.
+//!
+//! [`MissionPlan`] says what the items are, without storing them; [`MissionUpload`] transfers
+//! them, reads them back, compares, and starts them if asked. A transfer that fails leaves the
+//! old mission or none: an autopilot may keep and fly half of what it got (ArduCopter does), so
+//! what is there after a failure is cleared, and it is checked that it is.
+//!
+//! ```text
+//! us:  COUNT ──────── ITEM k ──────────── REQUEST_LIST ──────── REQUEST_INT k ─────── ACK
+//! it:        REQUEST(_INT) k ...     ACK               COUNT                 ITEM k ...
+//! ```
+
+// Autopilots still ask with the request that MAVLink has since deprecated.
+#![allow(deprecated)]
+
+use mavlink::dialects::common::{
+    MISSION_ACK_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA,
+    MISSION_REQUEST_INT_DATA, MISSION_REQUEST_LIST_DATA, MavCmd, MavFrame, MavMessage,
+    MavMissionResult, MavMissionType,
+};
+use thiserror::Error;
+
+use super::command::{Outcome, Patience, Pending, Request, Turn};
+use super::frames::MapFrame;
+use super::profile::Firmware;
+use super::wire::Address;
+use crate::scalar::{Position, Scalar};
+use crate::time::{Duration, Instant};
+
+/// How a mission ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Lands at the last way-point.
+    Land,
+    /// Returns to the place of take-off and lands there.
+    Return,
+}
+
+/// A mission as the autopilot is to have it.
+#[derive(Clone, Copy, Debug)]
+pub struct MissionPlan<'a, T: Scalar> {
+    /// Decides whether item 0 is the home position (ArduPilot) or the take-off (PX4).
+    pub firmware: Firmware,
+    /// Where the map lies.
+    pub map: MapFrame<T>,
+    /// Way-points, m.
+    pub waypoints: &'a [Position<T>],
+    /// Above the place of take-off, m.
+    pub altitude_m: T,
+    /// Along the way, m/s.
+    pub speed_mps: T,
+    /// What follows the last way-point.
+    pub ending: Ending,
+}
+
+/// A plan that cannot be uploaded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum PlanError {
+    /// Nothing to fly.
+    #[error("the mission has no way-points")]
+    Empty,
+    /// More than the protocol can number.
+    #[error("the mission has {0} way-points; at most 65 000 can be uploaded")]
+    TooLong(usize),
+    /// A way-point, the altitude or the speed is not a finite number above zero.
+    #[error("way-point {0}, the altitude or the speed is not finite")]
+    NotFinite(usize),
+}
+
+const LONGEST: usize = 65_000;
+
+impl<T: Scalar> MissionPlan<'_, T> {
+    fn check(&self) -> Result<(), PlanError> {
+        if self.waypoints.is_empty() {
+            return Err(PlanError::Empty);
+        }
+        if self.waypoints.len() > LONGEST {
+            return Err(PlanError::TooLong(self.waypoints.len()));
+        }
+        let good = self.altitude_m.finite() && self.speed_mps.finite();
+        let bad = |p: &Position<T>| !(good && p.x.finite() && p.y.finite());
+        match self.waypoints.iter().position(bad) {
+            Some(index) => Err(PlanError::NotFinite(index)),
+            None => Ok(()),
+        }
+    }
+
+    /// Items before the first way-point: home where there is one, take-off, speed.
+    fn lead(&self) -> u16 {
+        if self.firmware == Firmware::Px4 { 2 } else { 3 }
+    }
+
+    /// How many items there are.
+    pub fn count(&self) -> u16 {
+        // At most 65 004 by `check`.
+        self.lead() + self.waypoints.len() as u16 + 1
+    }
+
+    /// Item 0 belongs to the autopilot: it puts its home there.
+    fn is_home(&self, sequence: u16) -> bool {
+        sequence == 0 && self.firmware != Firmware::Px4
+    }
+
+    /// Item `sequence`, addressed to `to`; `None` past the end.
+    pub fn item(&self, sequence: u16, to: Address) -> Option<MISSION_ITEM_INT_DATA> {
+        use MavCmd as C;
+        let lead = self.lead();
+        let last = self.waypoints.len() - 1;
+        let index = usize::from(sequence.saturating_sub(lead)).min(last);
+        let mut parameters = [0.0; 4];
+        let command = if self.is_home(sequence) {
+            C::MAV_CMD_NAV_WAYPOINT
+        } else if sequence + 2 == lead {
+            C::MAV_CMD_NAV_TAKEOFF
+        } else if sequence + 1 == lead {
+            // Ground speed; the throttle stays as it is.
+            parameters = [1.0, self.speed_mps.to_f64() as f32, -1.0, 0.0];
+            C::MAV_CMD_DO_CHANGE_SPEED
+        } else if usize::from(sequence - lead) <= last {
+            C::MAV_CMD_NAV_WAYPOINT
+        } else if sequence + 1 == self.count() {
+            match self.ending {
+                Ending::Land => C::MAV_CMD_NAV_LAND,
+                Ending::Return => C::MAV_CMD_NAV_RETURN_TO_LAUNCH,
+            }
+        } else {
+            return None;
+        };
+        let place = self.map.to_geodetic(self.waypoints[index]);
+        let z = match command {
+            C::MAV_CMD_NAV_LAND | C::MAV_CMD_NAV_RETURN_TO_LAUNCH => 0.0,
+            _ if self.is_home(sequence) => 0.0,
+            _ => self.altitude_m.to_f64() as f32,
+        };
+        let [param1, param2, param3, param4] = parameters;
+        Some(MISSION_ITEM_INT_DATA {
+            param1,
+            param2,
+            param3,
+            param4,
+            x: place.latitude_e7,
+            y: place.longitude_e7,
+            z,
+            seq: sequence,
+            command,
+            target_system: to.system,
+            target_component: to.component,
+            frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            current: 0,
+            autocontinue: 1,
+            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+        })
+    }
+
+    /// Whether what was read back is what was meant. Places may be off by rounding, and an
+    /// autopilot may fill in places of commands that have none.
+    fn is_same(&self, got: &MISSION_ITEM_INT_DATA, to: Address) -> bool {
+        let Some(meant) = self.item(got.seq, to) else {
+            return false;
+        };
+        if self.is_home(got.seq) {
+            return true;
+        }
+        let near = |a: i32, b: i32| a.abs_diff(b) <= 2;
+        let placed = matches!(meant.command, MavCmd::MAV_CMD_NAV_WAYPOINT);
+        let place =
+            near(got.x, meant.x) && near(got.y, meant.y) && libm::fabsf(got.z - meant.z) <= 0.02;
+        let speed = meant.command != MavCmd::MAV_CMD_DO_CHANGE_SPEED || got.param2 == meant.param2;
+        got.command == meant.command && speed && (place || !placed)
+    }
+}
+
+/// Why an upload failed.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum UploadError {
+    /// The autopilot stopped answering.
+    #[error("no answer from the autopilot")]
+    Unanswered,
+    /// The autopilot refused the mission.
+    #[error("the autopilot refused the mission ({0:?})")]
+    Refused(MavMissionResult),
+    /// What it has is not what was sent.
+    #[error("item {0} read back differs from what was sent")]
+    Different(u16),
+    /// It has another number of items.
+    #[error("{got} items read back, {sent} were sent")]
+    Count {
+        /// Read back.
+        got: u16,
+        /// Sent.
+        sent: u16,
+    },
+    /// The caller cancelled.
+    #[error("cancelled")]
+    Cancelled,
+    /// The mission is there, but it was not started.
+    #[error("the mission was uploaded, but {0} failed")]
+    NotStarted(&'static str),
+}
+
+/// What is left on the autopilot after a failure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Left {
+    /// What was there before.
+    Old,
+    /// Nothing: it was cleared, and the autopilot confirmed it.
+    Nothing,
+    /// The whole mission.
+    Whole,
+    /// Not known: it could not be asked.
+    Unknown,
+}
+
+/// How an upload ended.
+pub type UploadOutcome = Result<(), (UploadError, Left)>;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    Offer,
+    Serve(u16),
+    ReadCount,
+    ReadItem(u16),
+    Start(u8),
+    Clear(UploadError),
+    CheckCleared(UploadError),
+    Over(UploadOutcome),
+}
+
+/// Without progress for this long a message is repeated.
+const ANSWER_TIME: Duration = Duration::from_millis(1_000);
+const ATTEMPTS: u8 = 8;
+/// The last item is sent this often before its effect is read back.
+const LAST_ATTEMPTS: u8 = 4;
+
+/// A transfer under way; sans-IO like [`super::Autopilot`].
+#[derive(Clone, Debug)]
+pub struct MissionUpload<'a, T: Scalar> {
+    plan: MissionPlan<'a, T>,
+    to: Address,
+    own: Address,
+    start: bool,
+    stage: Stage,
+    due: Instant,
+    attempts: u8,
+    /// The offer went out: the autopilot may have dropped the old mission for it.
+    touched: bool,
+    /// The last word to a read-back is still to be said.
+    farewell: bool,
+    pending: Option<Pending>,
+    patience: Patience,
+}
+
+impl<'a, T: Scalar> MissionUpload<'a, T> {
+    /// A transfer of `plan` to the autopilot `to`, speaking as `own`; with `start` the mission
+    /// is flown as soon as it is there.
+    pub fn new(
+        plan: MissionPlan<'a, T>,
+        to: Address,
+        own: Address,
+        start: bool,
+    ) -> Result<Self, PlanError> {
+        plan.check()?;
+        Ok(Self {
+            plan,
+            to,
+            own,
+            start,
+            stage: Stage::Offer,
+            due: Instant::ZERO,
+            attempts: 0,
+            touched: false,
+            farewell: false,
+            pending: None,
+            patience: Patience::default(),
+        })
+    }
+
+    /// How it ended, once it has.
+    pub fn outcome(&self) -> Option<UploadOutcome> {
+        match self.stage {
+            Stage::Over(outcome) => Some(outcome),
+            _ => None,
+        }
+    }
+
+    /// Items that the autopilot has asked for, of how many.
+    pub fn progress(&self) -> (u16, u16) {
+        let count = self.plan.count();
+        let done = match self.stage {
+            Stage::Offer => 0,
+            Stage::Serve(item) => item + 1,
+            _ => count,
+        };
+        (done, count)
+    }
+
+    /// Breaks it off; what was taken of ours is cleared.
+    pub fn cancel(&mut self, now: Instant) {
+        self.fail(now, UploadError::Cancelled);
+    }
+
+    fn enter(&mut self, now: Instant, stage: Stage) {
+        self.stage = stage;
+        self.due = now;
+        self.attempts = 0;
+    }
+
+    fn fail(&mut self, now: Instant, error: UploadError) {
+        match self.stage {
+            Stage::Over(_) | Stage::Clear(_) | Stage::CheckCleared(_) => {}
+            // Refused at the door: nothing was touched.
+            Stage::Offer if matches!(error, UploadError::Refused(_)) => {
+                self.stage = Stage::Over(Err((error, Left::Old)));
+            }
+            _ if self.touched => self.enter(now, Stage::Clear(error)),
+            _ => self.stage = Stage::Over(Err((error, Left::Old))),
+        }
+    }
+
+    /// The next message to send; call until `None`, and again within 50 ms or when something
+    /// was received.
+    pub fn poll(&mut self, now: Instant) -> Option<MavMessage> {
+        if core::mem::take(&mut self.farewell) {
+            return Some(self.ack(MavMissionResult::MAV_MISSION_ACCEPTED));
+        }
+        if let Stage::Start(step) = self.stage {
+            return self.poll_start(now, step);
+        }
+        if now < self.due || matches!(self.stage, Stage::Over(_)) {
+            return None;
+        }
+        // The last acknowledgement is sent once and may be lost: look what is there instead.
+        if self.stage == Stage::Serve(self.plan.count() - 1) && self.attempts >= LAST_ATTEMPTS {
+            self.enter(now, Stage::ReadCount);
+        }
+        if self.attempts >= ATTEMPTS {
+            match self.stage {
+                Stage::Clear(error) | Stage::CheckCleared(error) => {
+                    self.stage = Stage::Over(Err((error, Left::Unknown)));
+                    return None;
+                }
+                _ => self.fail(now, UploadError::Unanswered),
+            }
+            if matches!(self.stage, Stage::Over(_)) {
+                return None;
+            }
+        }
+        self.attempts += 1;
+        self.due = now + ANSWER_TIME;
+        self.touched = true;
+        Some(match self.stage {
+            Stage::Offer => MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                count: self.plan.count(),
+                target_system: self.to.system,
+                target_component: self.to.component,
+                mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+                opaque_id: 0,
+            }),
+            Stage::Serve(sequence) => {
+                MavMessage::MISSION_ITEM_INT(self.plan.item(sequence, self.to)?)
+            }
+            Stage::ReadCount | Stage::CheckCleared(_) => {
+                MavMessage::MISSION_REQUEST_LIST(MISSION_REQUEST_LIST_DATA {
+                    target_system: self.to.system,
+                    target_component: self.to.component,
+                    mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+                })
+            }
+            Stage::ReadItem(seq) => MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
+                seq,
+                target_system: self.to.system,
+                target_component: self.to.component,
+                mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+            }),
+            Stage::Clear(_) => MavMessage::MISSION_CLEAR_ALL(MISSION_CLEAR_ALL_DATA {
+                target_system: self.to.system,
+                target_component: self.to.component,
+                mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+            }),
+            Stage::Start(_) | Stage::Over(_) => return None,
+        })
+    }
+
+    fn ack(&self, result: MavMissionResult) -> MavMessage {
+        MavMessage::MISSION_ACK(MISSION_ACK_DATA {
+            target_system: self.to.system,
+            target_component: self.to.component,
+            mavtype: result,
+            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+            opaque_id: 0,
+        })
+    }
+
+    /// Takes a message; only the autopilot's own count.
+    pub fn receive(&mut self, now: Instant, from: Address, message: &MavMessage) {
+        use MavMessage as M;
+        if from != self.to {
+            return;
+        }
+        let meant = |system: u8, component: u8| {
+            [0, self.own.system].contains(&system) && [0, self.own.component].contains(&component)
+        };
+        match (message, self.stage) {
+            (M::MISSION_REQUEST(r), _) if meant(r.target_system, r.target_component) => {
+                self.serve(now, r.seq);
+            }
+            (M::MISSION_REQUEST_INT(r), _) if meant(r.target_system, r.target_component) => {
+                self.serve(now, r.seq);
+            }
+            (M::MISSION_ACK(ack), stage) if meant(ack.target_system, ack.target_component) => {
+                self.take_ack(now, ack.mavtype, stage);
+            }
+            (M::MISSION_COUNT(c), Stage::ReadCount)
+                if meant(c.target_system, c.target_component) =>
+            {
+                let (got, sent) = (c.count, self.plan.count());
+                if got == sent {
+                    self.enter(now, Stage::ReadItem(0));
+                } else {
+                    self.fail(now, UploadError::Count { got, sent });
+                }
+            }
+            (M::MISSION_COUNT(c), Stage::CheckCleared(error))
+                if meant(c.target_system, c.target_component) =>
+            {
+                // ArduPilot may keep its home as item 0.
+                let left = if c.count <= 1 {
+                    Left::Nothing
+                } else {
+                    Left::Unknown
+                };
+                self.farewell = true;
+                self.stage = Stage::Over(Err((error, left)));
+            }
+            (M::MISSION_ITEM_INT(item), Stage::ReadItem(sequence))
+                if meant(item.target_system, item.target_component) && item.seq == sequence =>
+            {
+                if !self.plan.is_same(item, self.to) {
+                    self.fail(now, UploadError::Different(sequence));
+                } else if sequence + 1 < self.plan.count() {
+                    self.enter(now, Stage::ReadItem(sequence + 1));
+                } else {
+                    self.farewell = true;
+                    if self.start {
+                        self.enter(now, Stage::Start(0));
+                    } else {
+                        self.stage = Stage::Over(Ok(()));
+                    }
+                }
+            }
+            (M::COMMAND_ACK(answer), Stage::Start(step))
+                if meant(answer.target_system, answer.target_component) =>
+            {
+                if let Some(pending) = &mut self.pending
+                    && let Some(outcome) = pending.answer(now, answer, &self.patience)
+                {
+                    self.step_over(now, step, outcome);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The autopilot asks for an item. Which one is its choice: it may ask again, or restart.
+    fn serve(&mut self, now: Instant, sequence: u16) {
+        let serving = matches!(self.stage, Stage::Offer | Stage::Serve(_));
+        if serving && sequence < self.plan.count() {
+            // A repeated request counts as no progress.
+            if self.stage == Stage::Serve(sequence) {
+                self.due = now;
+            } else {
+                self.enter(now, Stage::Serve(sequence));
+            }
+        }
+    }
+
+    fn take_ack(&mut self, now: Instant, result: MavMissionResult, stage: Stage) {
+        let accepted = result == MavMissionResult::MAV_MISSION_ACCEPTED;
+        match stage {
+            // An early "accepted" would be half a mission.
+            Stage::Serve(sequence) if accepted && sequence + 1 == self.plan.count() => {
+                self.enter(now, Stage::ReadCount);
+            }
+            Stage::Offer | Stage::Serve(_) | Stage::ReadCount | Stage::ReadItem(_) if !accepted => {
+                self.fail(now, UploadError::Refused(result));
+            }
+            Stage::Clear(error) if accepted => self.enter(now, Stage::CheckCleared(error)),
+            _ => {}
+        }
+    }
+
+    /// The commands that start a mission. ArduCopter takes off in AUTO only once it is armed,
+    /// and arms in GUIDED.
+    fn start_step(&self, step: u8) -> Option<Request> {
+        let mode = match self.plan.firmware {
+            Firmware::Px4 => self.plan.firmware.mission_mode(),
+            _ => self.plan.firmware.control_mode(),
+        };
+        [Request::SetMode(mode), Request::Arm, Request::StartMission]
+            .get(usize::from(step))
+            .copied()
+    }
+
+    fn poll_start(&mut self, now: Instant, step: u8) -> Option<MavMessage> {
+        let Some(request) = self.start_step(step) else {
+            self.stage = Stage::Over(Ok(()));
+            return None;
+        };
+        let pending = self.pending.get_or_insert(Pending::new(now, request));
+        match pending.turn(now, &self.patience) {
+            Turn::Wait => None,
+            Turn::Send(_) => {
+                let message = pending.message(self.plan.firmware, self.to);
+                pending.sent(now, &self.patience);
+                Some(MavMessage::COMMAND_LONG(message))
+            }
+            Turn::Over(outcome) => {
+                self.step_over(now, step, outcome);
+                None
+            }
+        }
+    }
+
+    fn step_over(&mut self, now: Instant, step: u8, outcome: Outcome) {
+        let name = self.pending.take().map_or("", |p| p.request.name());
+        if outcome == Outcome::Accepted {
+            self.enter(now, Stage::Start(step + 1));
+        } else {
+            self.stage = Stage::Over(Err((UploadError::NotStarted(name), Left::Whole)));
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! The vehicle's side of the mission protocol, with each autopilot's habits, and how an
+//! uploaded mission is flown.
+
+// Autopilots still ask with the request that MAVLink has since deprecated.
+#![allow(deprecated)]
+
+use firmware_core::autopilot::frames::Geodetic;
+use firmware_core::autopilot::profile::Firmware;
+use firmware_core::autopilot::wire::Address;
+use firmware_core::time::{Duration, Instant};
+use mavlink::dialects::common::{
+    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA,
+    MISSION_ITEM_REACHED_DATA, MISSION_REQUEST_DATA, MISSION_REQUEST_INT_DATA, MavCmd, MavMessage,
+    MavMissionResult, MavMissionType, MavResult,
+};
+
+use super::body::Demand;
+use super::{FlightMode, Vehicle};
+
+/// A transfer to us.
+#[derive(Debug)]
+struct Incoming {
+    from: Address,
+    count: u16,
+    items: Vec<MISSION_ITEM_INT_DATA>,
+    asked: Instant,
+    progress: Instant,
+}
+
+/// What is stored, what is coming, and where a flight through it is.
+#[derive(Debug, Default)]
+pub(super) struct Missions {
+    items: Vec<MISSION_ITEM_INT_DATA>,
+    incoming: Option<Incoming>,
+    stored_at: Option<Instant>,
+    current: usize,
+    speed_mps: Option<f64>,
+}
+
+/// An item that was not answered is asked for again.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// Without progress for this long a transfer is over.
+const GIVE_UP: Duration = Duration::from_secs(8);
+/// PX4 refuses to start a mission that was stored less than this ago.
+const SETTLE: Duration = Duration::from_millis(500);
+/// A way-point counts as reached this near, m.
+const REACHED_M: f64 = 2.0;
+/// The most items that are stored.
+const CAPACITY: u16 = 700;
+
+const MISSION: MavMissionType = MavMissionType::MAV_MISSION_TYPE_MISSION;
+
+impl Missions {
+    pub(super) fn len(&self) -> usize {
+        self.items.len()
+    }
+}
+
+impl Vehicle {
+    /// Takes a message of the mission protocol; false if it is none.
+    pub(super) fn handle_mission(
+        &mut self,
+        now: Instant,
+        from: Address,
+        message: &MavMessage,
+    ) -> bool {
+        match message {
+            MavMessage::MISSION_COUNT(offer) => {
+                if offer.count > CAPACITY {
+                    self.answer_mission(from, MavMissionResult::MAV_MISSION_NO_SPACE);
+                    return true;
+                }
+                // ArduCopter writes over the old mission as items come; PX4 at the end.
+                if self.firmware != Firmware::Px4 {
+                    self.missions.items.clear();
+                }
+                self.missions.incoming = Some(Incoming {
+                    from,
+                    count: offer.count,
+                    items: Vec::new(),
+                    asked: now,
+                    progress: now,
+                });
+                self.ask_for_item(now);
+            }
+            MavMessage::MISSION_ITEM_INT(item) => self.take_item(now, from, item),
+            MavMessage::MISSION_CLEAR_ALL(_) => {
+                self.missions = Missions::default();
+                self.answer_mission(from, MavMissionResult::MAV_MISSION_ACCEPTED);
+            }
+            MavMessage::MISSION_REQUEST_LIST(_) => {
+                let count = self.missions.items.len() as u16;
+                self.send(&MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                    count,
+                    target_system: from.system,
+                    target_component: from.component,
+                    mission_type: MISSION,
+                    opaque_id: 0,
+                }));
+            }
+            MavMessage::MISSION_REQUEST_INT(request) => self.give_item(from, request.seq),
+            MavMessage::MISSION_REQUEST(request) => self.give_item(from, request.seq),
+            MavMessage::MISSION_ACK(ack) => {
+                let over = ack.mavtype != MavMissionResult::MAV_MISSION_ACCEPTED;
+                if over
+                    && self
+                        .missions
+                        .incoming
+                        .as_ref()
+                        .is_some_and(|i| i.from == from)
+                {
+                    self.missions.incoming = None;
+                }
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    fn answer_mission(&mut self, to: Address, result: MavMissionResult) {
+        self.send(&MavMessage::MISSION_ACK(MISSION_ACK_DATA {
+            target_system: to.system,
+            target_component: to.component,
+            mavtype: result,
+            mission_type: MISSION,
+            opaque_id: 0,
+        }));
+    }
+
+    fn ask_for_item(&mut self, now: Instant) {
+        let Some(incoming) = &mut self.missions.incoming else {
+            return;
+        };
+        incoming.asked = now;
+        let (to, seq) = (incoming.from, incoming.items.len() as u16);
+        // ArduCopter asks with the old request and takes the new item; so does PX4 at first.
+        let old = match self.firmware {
+            Firmware::ArduCopter => true,
+            Firmware::Px4 => seq == 0,
+            Firmware::Generic => false,
+        };
+        self.send(&if old {
+            MavMessage::MISSION_REQUEST(MISSION_REQUEST_DATA {
+                seq,
+                target_system: to.system,
+                target_component: to.component,
+                mission_type: MISSION,
+            })
+        } else {
+            MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
+                seq,
+                target_system: to.system,
+                target_component: to.component,
+                mission_type: MISSION,
+            })
+        });
+    }
+
+    fn take_item(&mut self, now: Instant, from: Address, item: &MISSION_ITEM_INT_DATA) {
+        let Some(incoming) = &mut self.missions.incoming else {
+            return;
+        };
+        let numbers = [item.param1, item.param2, item.param3, item.param4, item.z];
+        if incoming.from != from || usize::from(item.seq) != incoming.items.len() {
+            return;
+        }
+        if !numbers.iter().all(|v| v.is_finite()) {
+            self.missions.incoming = None;
+            self.answer_mission(from, MavMissionResult::MAV_MISSION_INVALID);
+            return;
+        }
+        incoming.items.push(item.clone());
+        incoming.progress = now;
+        if self.firmware != Firmware::Px4 {
+            self.missions.items.clone_from(&incoming.items);
+        }
+        if incoming.items.len() < usize::from(incoming.count) {
+            self.ask_for_item(now);
+            return;
+        }
+        self.missions.items = std::mem::take(&mut incoming.items);
+        self.missions.incoming = None;
+        self.missions.stored_at = Some(now);
+        self.missions.current = 0;
+        self.answer_mission(from, MavMissionResult::MAV_MISSION_ACCEPTED);
+    }
+
+    fn give_item(&mut self, to: Address, seq: u16) {
+        match self.missions.items.get(usize::from(seq)) {
+            Some(item) => {
+                let item = MISSION_ITEM_INT_DATA {
+                    target_system: to.system,
+                    target_component: to.component,
+                    ..item.clone()
+                };
+                self.send(&MavMessage::MISSION_ITEM_INT(item));
+            }
+            None => self.answer_mission(to, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE),
+        }
+    }
+
+    /// Asks again for an item that did not come, and gives up in the end.
+    pub(super) fn tend_mission_transfer(&mut self, now: Instant) {
+        let Some(incoming) = &self.missions.incoming else {
+            return;
+        };
+        if now - incoming.progress >= GIVE_UP {
+            let from = incoming.from;
+            // ArduCopter keeps the part that came, and AUTO flies it.
+            self.missions.incoming = None;
+            self.answer_mission(from, MavMissionResult::MAV_MISSION_OPERATION_CANCELLED);
+        } else if now - incoming.asked >= ASK_AGAIN {
+            self.ask_for_item(now);
+        }
+    }
+
+    /// MISSION_START.
+    pub(super) fn start_mission(&mut self, now: Instant) -> MavResult {
+        let fresh = self.missions.stored_at.is_some_and(|at| now - at < SETTLE);
+        if self.missions.items.is_empty() || !self.armed {
+            MavResult::MAV_RESULT_FAILED
+        } else if fresh && self.firmware == Firmware::Px4 {
+            MavResult::MAV_RESULT_TEMPORARILY_REJECTED
+        } else {
+            self.set_mode(FlightMode::Auto);
+            self.missions.current = 0;
+            MavResult::MAV_RESULT_ACCEPTED
+        }
+    }
+
+    /// What the present item asks for; `None` where there is nothing (more) to fly.
+    pub(super) fn mission_demand(&self) -> Option<Demand> {
+        let item = self.missions.items.get(self.missions.current)?;
+        let altitude_m = f64::from(item.z);
+        Some(match item.command {
+            MavCmd::MAV_CMD_NAV_TAKEOFF => Demand::Hold { altitude_m },
+            MavCmd::MAV_CMD_NAV_WAYPOINT => Demand::Go {
+                position: self.local_frame().from_geodetic(Geodetic {
+                    latitude_e7: item.x,
+                    longitude_e7: item.y,
+                }),
+                altitude_m,
+                speed_mps: self.missions.speed_mps.unwrap_or(f64::INFINITY),
+            },
+            _ => Demand::Hold {
+                altitude_m: self.hold_altitude_m,
+            },
+        })
+    }
+
+    /// Goes on to the next item when the present one is done.
+    pub(super) fn fly_mission(&mut self) {
+        if self.mode != FlightMode::Auto || !self.armed {
+            return;
+        }
+        let Some(item) = self.missions.items.get(self.missions.current).cloned() else {
+            self.set_mode(FlightMode::Loiter);
+            return;
+        };
+        let is_home = self.missions.current == 0 && self.firmware != Firmware::Px4;
+        let high = (self.body.altitude_m - f64::from(item.z)).abs() < 0.5;
+        let done = match item.command {
+            _ if is_home => true,
+            MavCmd::MAV_CMD_NAV_TAKEOFF => high,
+            MavCmd::MAV_CMD_NAV_WAYPOINT => match self.mission_demand() {
+                Some(Demand::Go { position, .. }) => {
+                    (position - self.body.position).norm() < REACHED_M
+                }
+                _ => true,
+            },
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED => {
+                self.missions.speed_mps = Some(f64::from(item.param2).max(0.5));
+                true
+            }
+            MavCmd::MAV_CMD_NAV_LAND => {
+                self.set_mode(FlightMode::Land);
+                false
+            }
+            MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => {
+                self.set_mode(FlightMode::Return);
+                false
+            }
+            _ => true,
+        };
+        if !done {
+            return;
+        }
+        self.hold_altitude_m = self.body.altitude_m;
+        // PX4 says it more than once.
+        let times = if self.firmware == Firmware::Px4 { 2 } else { 1 };
+        for _ in 0..times {
+            let seq = item.seq;
+            self.send(&MavMessage::MISSION_ITEM_REACHED(
+                MISSION_ITEM_REACHED_DATA { seq },
+            ));
+        }
+        self.missions.current += 1;
+        self.send(&MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
+            seq: self.missions.current as u16,
+            ..MISSION_CURRENT_DATA::DEFAULT
+        }));
+    }
+}
