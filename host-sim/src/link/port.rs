@@ -4,12 +4,13 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::io::{self, Write};
 
+use firmware_core::autopilot::wire::signing::{Signer, SigningKey, Verifier};
 use firmware_core::autopilot::wire::{Address, Counters, Decoder, Encoder, Frame, MAX_FRAME};
 use firmware_core::time::Instant;
 use mavlink::dialects::common::MavMessage;
 
 use super::Link;
-use super::tlog::TlogWriter;
+use super::tlog::{TlogWriter, wall_clock_us};
 
 /// A link with a decoder, an encoder and a log.
 pub struct Port {
@@ -48,6 +49,14 @@ impl Port {
         self.log = Some(log);
     }
 
+    /// Signs what is sent, as link `link`, and takes only what is rightly signed.
+    pub fn sign_with(&mut self, key: SigningKey, link: u8) {
+        let now_us = wall_clock_us();
+        self.encoder
+            .sign_with(Signer::new(key.clone(), link, now_us));
+        self.decoder.require_signatures(Verifier::new(key, now_us));
+    }
+
     /// What went by.
     pub fn counters(&self) -> Counters {
         self.decoder.counters()
@@ -56,6 +65,9 @@ impl Port {
     /// Sends a message; false if the link is down and dropped it.
     pub fn send(&mut self, now: Instant, message: &MavMessage) -> io::Result<bool> {
         let mut buffer = [0; MAX_FRAME];
+        if let Some(signer) = self.encoder.signer_mut() {
+            signer.set_time(wall_clock_us());
+        }
         let frame = self.encoder.encode(message, &mut buffer);
         if let Some(log) = &mut self.log {
             log.record(now, frame)?;
@@ -71,6 +83,9 @@ impl Port {
         timeout: std::time::Duration,
     ) -> io::Result<Option<(Address, MavMessage)>> {
         if self.received.is_empty() && self.link.receive(&mut self.piece, timeout)? {
+            if let Some(verifier) = self.decoder.verifier_mut() {
+                verifier.set_time(wall_clock_us());
+            }
             let mut bytes = &self.piece[..];
             while let Some(frame) = self.decoder.next_frame(&mut bytes) {
                 take(frame, now, &mut self.log, &mut self.received)?;

@@ -9,6 +9,7 @@
 //! ```
 
 mod body;
+mod conduct;
 mod endpoint;
 mod missions;
 mod parameters;
@@ -21,16 +22,17 @@ use std::collections::VecDeque;
 use firmware_core::Position;
 use firmware_core::autopilot::frames::Geodetic;
 use firmware_core::autopilot::profile::Firmware;
+use firmware_core::autopilot::wire::signing::{Signer, SigningKey, Verifier};
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
 use firmware_core::time::{Duration, Instant};
-use mavlink::dialects::common::{MavMessage, MavSeverity};
+use mavlink::dialects::common::MavMessage;
 use nalgebra::Vector2;
 
 pub use body::Ability;
 pub use profile::Profile;
 pub use serve::serve;
 
-use body::{Body, Demand, Target};
+use body::{Body, Target};
 use missions::Missions;
 use parameters::Parameters;
 use telemetry::Streams;
@@ -54,6 +56,9 @@ pub struct VehicleSettings {
     pub ready_after: Duration,
     /// Parameters that differ from the profile's defaults: name and value.
     pub parameters: Vec<(String, f32)>,
+    /// Signs and requires signatures: the key, and where its time begins (microseconds since
+    /// 1970).
+    pub signing: Option<(SigningKey, u64)>,
 }
 
 impl VehicleSettings {
@@ -68,6 +73,7 @@ impl VehicleSettings {
             system: 1,
             ready_after: profile.ready_after(),
             parameters: Vec::new(),
+            signing: None,
         }
     }
 }
@@ -115,15 +121,6 @@ struct Setpoint {
 const STEP: Duration = Duration::from_millis(10);
 /// Frames that nobody fetched; older ones go.
 const OUTBOX: usize = 4096;
-/// On the ground in a landing mode for this long, the motors stop.
-const DISARM_AFTER: Duration = Duration::from_secs(1);
-
-/// ArduCopter: without a ground station's heartbeat for this long it returns, if told to.
-const GROUND_TIMEOUT: Duration = Duration::from_secs(5);
-/// ArduCopter: armed on the ground for this long, the motors stop.
-const IDLE_DISARM: Duration = Duration::from_secs(10);
-/// PX4: between the loss of setpoints and the failsafe.
-const OFFBOARD_GRACE: Duration = Duration::from_secs(5);
 
 /// The vehicle.
 #[derive(Debug)]
@@ -171,10 +168,15 @@ impl Vehicle {
         for (name, value) in &settings.parameters {
             parameters.set(name, *value);
         }
+        let (mut decoder, mut encoder) = (Decoder::new(), Encoder::new(address));
+        if let Some((key, epoch_us)) = &settings.signing {
+            encoder.sign_with(Signer::new(key.clone(), 0, *epoch_us));
+            decoder.require_signatures(Verifier::new(key.clone(), *epoch_us));
+        }
         Self {
             firmware,
-            decoder: Decoder::new(),
-            encoder: Encoder::new(address),
+            decoder,
+            encoder,
             outbox: VecDeque::new(),
             time: Instant::ZERO,
             body: Body::on_ground(settings.start, settings.profile == Profile::Ideal),
@@ -260,6 +262,7 @@ impl Vehicle {
             self.time += STEP;
             self.step_body();
         }
+        self.set_signing_time(now);
         self.tend_mission_transfer(now);
         self.transmit_due(now);
     }
@@ -273,6 +276,18 @@ impl Vehicle {
     pub fn pilot_sets_mode(&mut self, now: Instant, mode: FlightMode) {
         self.step(now);
         self.set_mode(mode);
+    }
+
+    fn set_signing_time(&mut self, now: Instant) {
+        if let Some((_, epoch_us)) = self.settings.signing {
+            let time_us = epoch_us + now.micros();
+            if let Some(signer) = self.encoder.signer_mut() {
+                signer.set_time(time_us);
+            }
+            if let Some(verifier) = self.decoder.verifier_mut() {
+                verifier.set_time(time_us);
+            }
+        }
     }
 
     fn send(&mut self, message: &MavMessage) {
@@ -323,138 +338,5 @@ impl Vehicle {
             self.hold_altitude_m = altitude_m;
         }
         self.stop_motors_on_ground();
-    }
-
-    /// What the autopilot does by itself.
-    fn own_failsafes(&mut self) {
-        let setpoint_age = self.setpoint.map(|setpoint| self.time - setpoint.came);
-        match self.firmware {
-            Firmware::Generic => {}
-            Firmware::ArduCopter => {
-                let silent = self
-                    .ground_heard
-                    .is_some_and(|heard| self.time - heard > GROUND_TIMEOUT);
-                let enabled = self.parameters.is("FS_GCS_ENABLE", 1);
-                let flies = self.armed && !self.body.is_on_ground();
-                if enabled && silent && flies && self.mode == FlightMode::Guided {
-                    self.say(MavSeverity::MAV_SEVERITY_WARNING, "GCS Failsafe");
-                    self.set_mode(FlightMode::Return);
-                }
-                let waits = self.armed && self.body.is_on_ground() && self.take_off_to.is_none();
-                if waits && self.time - self.armed_at > IDLE_DISARM {
-                    self.armed = false;
-                    self.say(MavSeverity::MAV_SEVERITY_INFO, "Disarming motors");
-                }
-            }
-            Firmware::Px4 => {
-                let lost = self.mode == FlightMode::Guided
-                    && self.armed
-                    && setpoint_age
-                        .is_some_and(|age| age > self.setpoint_timeout() + OFFBOARD_GRACE);
-                if lost {
-                    let text = "Offboard control lost";
-                    self.say(MavSeverity::MAV_SEVERITY_CRITICAL, text);
-                    self.set_mode(FlightMode::Manual);
-                    self.sinks = true;
-                }
-            }
-        }
-    }
-
-    fn demand(&self) -> Demand {
-        if self.crashed {
-            return Demand::Descend { rate_mps: 30.0 };
-        }
-        if !self.armed {
-            return Demand::Rest;
-        }
-        let hold = Demand::Hold {
-            altitude_m: self.hold_altitude_m,
-        };
-        let rises =
-            self.take_off_to.is_some() || self.rises_by_setpoint() || self.mode == FlightMode::Auto;
-        if self.body.is_on_ground() && !rises {
-            return Demand::Rest;
-        }
-        match self.mode {
-            FlightMode::Manual if self.sinks => Demand::Descend { rate_mps: 0.5 },
-            FlightMode::Manual | FlightMode::Loiter => hold,
-            FlightMode::Auto => self.mission_demand().unwrap_or(hold),
-            FlightMode::Land => Demand::Descend {
-                rate_mps: self.settings.ability.descent_mps,
-            },
-            FlightMode::Return => {
-                if (self.home - self.body.position).norm() < 0.5 {
-                    Demand::Descend {
-                        rate_mps: self.settings.ability.descent_mps,
-                    }
-                } else {
-                    Demand::Go {
-                        position: self.home,
-                        altitude_m: self.hold_altitude_m,
-                        speed_mps: 10.0,
-                    }
-                }
-            }
-            FlightMode::Guided => match (self.take_off_to, self.setpoint) {
-                (Some(altitude_m), _) => Demand::Hold { altitude_m },
-                (None, Some(_)) if self.faults.ignore_setpoints => hold,
-                (None, Some(setpoint)) => self.follow(&setpoint),
-                (None, None) => hold,
-            },
-        }
-    }
-
-    /// PX4 takes off with setpoints; the others drop them on the ground.
-    fn rises_by_setpoint(&self) -> bool {
-        self.firmware == Firmware::Px4
-            && self.mode == FlightMode::Guided
-            && self.setpoint.is_some_and(|s| s.target.altitude_m > 0.1)
-    }
-
-    fn follow(&self, setpoint: &Setpoint) -> Demand {
-        let age = self.time - setpoint.came;
-        let mut target = setpoint.target;
-        if age > self.setpoint_timeout() && target.velocity.is_some() {
-            // The stream broke off while moving: stop there, or (PX4) at the last target.
-            if self.firmware != Firmware::Px4 {
-                return Demand::Hold {
-                    altitude_m: target.altitude_m,
-                };
-            }
-            target.velocity = None;
-        }
-        target.age_s = age.as_secs_f64();
-        Demand::Track(target)
-    }
-
-    /// How long a moving setpoint is flown on without the next one.
-    fn setpoint_timeout(&self) -> Duration {
-        let parameter = |name, default: f64| {
-            Duration::from_secs_f64(self.parameters.number(name).unwrap_or(default))
-        };
-        match self.firmware {
-            Firmware::Generic | Firmware::ArduCopter => parameter("GUID_TIMEOUT", 3.0),
-            Firmware::Px4 => parameter("COM_OF_LOSS_T", 1.0),
-        }
-    }
-
-    /// The airframe's ability as its parameters clip it.
-    fn ability(&self) -> Ability {
-        self.parameters.clip(self.settings.ability)
-    }
-
-    fn stop_motors_on_ground(&mut self) {
-        let landing = matches!(self.mode, FlightMode::Land | FlightMode::Return);
-        if !(self.armed && landing && self.body.is_on_ground()) {
-            self.landed_since = None;
-            return;
-        }
-        let since = *self.landed_since.get_or_insert(self.time);
-        if self.time - since >= DISARM_AFTER {
-            self.armed = false;
-            self.landed_since = None;
-            self.say(MavSeverity::MAV_SEVERITY_INFO, "Disarming motors");
-        }
     }
 }

@@ -10,11 +10,17 @@
 //! estimate in EKF_STATUS_REPORT (193), which `common` does not have. Its flags carry the bits
 //! of ESTIMATOR_STATUS (230), so it is read as that message and the client knows one form only.
 
+mod encoder;
+pub mod signing;
+
 use mavlink::dialects::common::{
     ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, MavMessage, STATUSTEXT_DATA,
 };
 use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message, calculate_crc};
+
+pub use encoder::{Encoder, FrameBuffer};
+use signing::{Verdict, Verifier};
 
 /// First byte of a MAVLink 2 frame.
 const START: u8 = 0xFD;
@@ -23,9 +29,9 @@ const HEADER: usize = 10;
 /// Bytes of the checksum behind the payload.
 const CHECKSUM: usize = 2;
 /// Bytes of the signature behind the checksum, where the frame has one.
-pub(super) const SIGNATURE: usize = 13;
+const SIGNATURE: usize = 13;
 /// Incompatibility flag of a signed frame; frames with any other flag must be dropped.
-pub(super) const SIGNED: u8 = 0x01;
+const SIGNED: u8 = 0x01;
 /// The longest frame: header, 255 bytes of payload, checksum, signature.
 pub const MAX_FRAME: usize = HEADER + 255 + CHECKSUM + SIGNATURE;
 
@@ -57,6 +63,12 @@ pub struct Counters {
     /// Good frames that came twice or after a later one of the same sender, and were dropped
     /// ([`Decoder::in_order`]).
     pub out_of_order: u32,
+    /// Good frames without a signature where one is required.
+    pub unsigned: u32,
+    /// Good frames with a wrong signature.
+    pub bad_signature: u32,
+    /// Rightly signed frames that are too old: a recording.
+    pub replayed: u32,
 }
 
 /// One checked frame, still as bytes.
@@ -170,6 +182,7 @@ pub struct Decoder {
     spent: usize,
     counters: Counters,
     newest: Option<Newest>,
+    verifier: Option<Verifier>,
 }
 
 impl Default for Decoder {
@@ -202,8 +215,12 @@ impl Decoder {
                 unknown_flags: 0,
                 skipped_bytes: 0,
                 out_of_order: 0,
+                unsigned: 0,
+                bad_signature: 0,
+                replayed: 0,
             },
             newest: None,
+            verifier: None,
         }
     }
 
@@ -216,6 +233,16 @@ impl Decoder {
             next: 0,
         });
         decoder
+    }
+
+    /// Takes only frames that are rightly signed, from now on.
+    pub fn require_signatures(&mut self, verifier: Verifier) {
+        self.verifier = Some(verifier);
+    }
+
+    /// What checks signatures, to set its clock.
+    pub fn verifier_mut(&mut self) -> Option<&mut Verifier> {
+        self.verifier.as_mut()
     }
 
     /// What went by so far.
@@ -315,7 +342,21 @@ impl Decoder {
         };
         let checksum = u16::from_le_bytes([held[unsigned - 2], held[unsigned - 1]]);
         if checksum == calculate_crc(&held[1..unsigned - CHECKSUM], seed) {
-            let frame = Frame { bytes: held };
+            let frame = Frame {
+                bytes: &held[..whole],
+            };
+            if let Some(verifier) = &mut self.verifier {
+                let refused = match verifier.judge(&frame) {
+                    Verdict::Good => None,
+                    Verdict::Unsigned => Some(&mut self.counters.unsigned),
+                    Verdict::Wrong => Some(&mut self.counters.bad_signature),
+                    Verdict::Replayed => Some(&mut self.counters.replayed),
+                };
+                if let Some(counter) = refused {
+                    *counter = counter.wrapping_add(1);
+                    return Candidate::Drop(whole);
+                }
+            }
             if let Some(newest) = &mut self.newest
                 && newest.is_late(frame.sender(), frame.sequence())
             {
@@ -328,74 +369,6 @@ impl Decoder {
             self.counters.bad_checksum = self.counters.bad_checksum.wrapping_add(1);
             Candidate::Drop(1)
         }
-    }
-}
-
-/// Messages in, frames out; numbers them.
-#[derive(Clone, Debug)]
-pub struct Encoder {
-    own: Address,
-    sequence: u8,
-}
-
-/// Room for one frame.
-pub type FrameBuffer = [u8; MAX_FRAME];
-
-impl Encoder {
-    /// An encoder that sends as `own`.
-    pub const fn new(own: Address) -> Self {
-        Self { own, sequence: 0 }
-    }
-
-    /// Who it sends as.
-    pub fn own(&self) -> Address {
-        self.own
-    }
-
-    /// Writes `message` as the next frame into `buffer` and returns it.
-    pub fn encode<'b>(&mut self, message: &MavMessage, buffer: &'b mut FrameBuffer) -> &'b [u8] {
-        let length = message.ser(MavlinkVersion::V2, &mut buffer[HEADER..HEADER + 255]);
-        let id = message.message_id();
-        self.finish(id, length, MavMessage::extra_crc(id), buffer)
-    }
-
-    /// ArduPilot's form of ESTIMATOR_STATUS: an EKF_STATUS_REPORT with these flags.
-    pub fn encode_ekf_status_report<'b>(
-        &mut self,
-        flags: EstimatorStatusFlags,
-        buffer: &'b mut FrameBuffer,
-    ) -> &'b [u8] {
-        let (id, seed, offset) = EKF_STATUS_REPORT;
-        buffer[HEADER..HEADER + offset].fill(0);
-        buffer[HEADER + offset..HEADER + offset + 2].copy_from_slice(&flags.bits().to_le_bytes());
-        self.finish(id, offset + 2, seed, buffer)
-    }
-
-    fn finish<'b>(
-        &mut self,
-        id: u32,
-        length: usize,
-        seed: u8,
-        buffer: &'b mut FrameBuffer,
-    ) -> &'b [u8] {
-        let [id0, id1, id2, _] = id.to_le_bytes();
-        buffer[..HEADER].copy_from_slice(&[
-            START,
-            length as u8,
-            0,
-            0,
-            self.sequence,
-            self.own.system,
-            self.own.component,
-            id0,
-            id1,
-            id2,
-        ]);
-        self.sequence = self.sequence.wrapping_add(1);
-        let end = HEADER + length;
-        let checksum = calculate_crc(&buffer[1..end], seed);
-        buffer[end..end + CHECKSUM].copy_from_slice(&checksum.to_le_bytes());
-        &buffer[..end + CHECKSUM]
     }
 }
 
@@ -415,177 +388,4 @@ pub fn status_text(message: &STATUSTEXT_DATA) -> heapless::String<50> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::vec::Vec;
-
-    use mavlink::dialects::common::{
-        HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavModeFlag, MavState, MavType,
-    };
-    use proptest::prelude::*;
-
-    use super::*;
-
-    const OWN: Address = Address {
-        system: 7,
-        component: 191,
-    };
-
-    fn position(x: f32) -> MavMessage {
-        MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
-            x,
-            ..LOCAL_POSITION_NED_DATA::DEFAULT
-        })
-    }
-
-    fn heartbeat() -> MavMessage {
-        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-            custom_mode: 4,
-            mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
-            base_mode: MavModeFlag::empty(),
-            system_status: MavState::MAV_STATE_ACTIVE,
-            mavlink_version: 3,
-        })
-    }
-
-    fn decode(decoder: &mut Decoder, mut bytes: &[u8]) -> Vec<MavMessage> {
-        let mut found = Vec::new();
-        while let Some(frame) = decoder.next_frame(&mut bytes) {
-            found.push(frame.message().unwrap());
-        }
-        found
-    }
-
-    #[test]
-    fn a_heartbeat_has_the_bytes_of_the_standard() {
-        let mut buffer = [0; MAX_FRAME];
-        let mut encoder = Encoder::new(OWN);
-        let frame = encoder.encode(&heartbeat(), &mut buffer).to_vec();
-        // Payload in wire order: custom_mode, type 18, autopilot 8, base_mode 0, status 4, version 3.
-        assert_eq!(frame[..10], [0xFD, 9, 0, 0, 0, 7, 191, 0, 0, 0]);
-        assert_eq!(frame[10..19], [4, 0, 0, 0, 18, 8, 0, 4, 3]);
-        assert_eq!(frame.len(), 21);
-        assert_eq!(encoder.encode(&heartbeat(), &mut buffer)[4], 1, "sequence");
-    }
-
-    #[test]
-    fn ardupilots_estimate_is_read_as_the_common_one() {
-        let mut buffer = [0; MAX_FRAME];
-        let flags = EstimatorStatusFlags::ESTIMATOR_POS_HORIZ_ABS
-            | EstimatorStatusFlags::ESTIMATOR_PRED_POS_HORIZ_ABS;
-        let mut encoder = Encoder::new(OWN);
-        let bytes = encoder.encode_ekf_status_report(flags, &mut buffer);
-        let found = decode(&mut Decoder::new(), bytes);
-        let [MavMessage::ESTIMATOR_STATUS(status)] = &found[..] else {
-            panic!("{found:?}")
-        };
-        assert_eq!(status.flags, flags);
-    }
-
-    #[test]
-    fn a_truncated_datagram_holds_nothing_back() {
-        let mut buffer = [0; MAX_FRAME];
-        let mut encoder = Encoder::new(OWN);
-        let frame = encoder.encode(&position(1.0), &mut buffer).to_vec();
-        let mut decoder = Decoder::new();
-        assert!(decode(&mut decoder, &frame[..frame.len() - 5]).is_empty());
-        assert!(decoder.end_of_datagram().is_none());
-        assert_eq!(decode(&mut decoder, &frame).len(), 1);
-    }
-
-    #[test]
-    fn frames_of_other_dialects_are_stepped_over_and_counted() {
-        let mut buffer = [0; MAX_FRAME];
-        let mut encoder = Encoder::new(OWN);
-        // AHRS2 (178) of ardupilotmega, with a start byte in its payload.
-        let mut stream = std::vec![START, 3, 0, 0, 0, 1, 1, 178, 0, 0, START, 200, 0, 9, 9];
-        stream.extend_from_slice(encoder.encode(&position(2.0), &mut buffer));
-        let mut decoder = Decoder::new();
-        assert_eq!(decode(&mut decoder, &stream).len(), 1);
-        assert_eq!(decoder.counters().unknown_message, 1);
-        assert_eq!(decoder.counters().bad_checksum, 0);
-    }
-
-    #[test]
-    fn duplicates_and_late_frames_are_dropped_where_order_counts() {
-        let mut encoder = Encoder::new(OWN);
-        let frames: Vec<Vec<u8>> = (0..300)
-            .map(|n| {
-                encoder
-                    .encode(&position(n as f32), &mut [0; MAX_FRAME])
-                    .to_vec()
-            })
-            .collect();
-        let order = [0, 1, 1, 3, 2, 4, 299, 298, 0, 1];
-        let mut decoder = Decoder::in_order();
-        let mut got = Vec::new();
-        for n in order {
-            for message in decode(&mut decoder, &frames[n]) {
-                if let MavMessage::LOCAL_POSITION_NED(p) = message {
-                    got.push(p.x as usize);
-                }
-            }
-        }
-        // 299 has the running number 43; 0 after it is a sender that started anew.
-        assert_eq!(got, [0, 1, 3, 4, 299, 0, 1]);
-        assert_eq!(decoder.counters().out_of_order, 3);
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig {
-            rng_seed: proptest::test_runner::RngSeed::Fixed(1),
-            ..ProptestConfig::with_cases(300)
-        })]
-
-        /// Frames in noise without start bytes, cut at any place, all come out, in order.
-        #[test]
-        fn frames_survive_noise_and_any_cutting(
-            xs in proptest::collection::vec(-1e6f32..1e6, 1..20),
-            noise in proptest::collection::vec(0u8..0xFD, 0..40),
-            piece in 1usize..300,
-        ) {
-            let mut buffer = [0; MAX_FRAME];
-            let mut encoder = Encoder::new(OWN);
-            let mut stream = Vec::new();
-            for &x in &xs {
-                stream.extend_from_slice(&noise);
-                stream.extend_from_slice(encoder.encode(&position(x), &mut buffer));
-            }
-            let mut decoder = Decoder::new();
-            let mut got = Vec::new();
-            for piece in stream.chunks(piece) {
-                for message in decode(&mut decoder, piece) {
-                    if let MavMessage::LOCAL_POSITION_NED(p) = message { got.push(p.x) }
-                }
-            }
-            prop_assert_eq!(got, xs.clone());
-            prop_assert_eq!(decoder.counters().skipped_bytes as usize, noise.len() * xs.len());
-        }
-
-        /// Any bytes at all: no panic, and a good frame after them is found at the latest
-        /// when the datagram ends.
-        #[test]
-        fn any_bytes_are_survived(junk in proptest::collection::vec(any::<u8>(), 0..2000)) {
-            let mut buffer = [0; MAX_FRAME];
-            let frame = Encoder::new(OWN).encode(&position(3.0), &mut buffer).to_vec();
-            let mut decoder = Decoder::new();
-            let mut input = &junk[..];
-            while let Some(frame) = decoder.next_frame(&mut input) { let _ = frame.message(); }
-            while let Some(frame) = decoder.end_of_datagram() { let _ = frame.message(); }
-            prop_assert_eq!(decode(&mut decoder, &frame).len(), 1);
-        }
-
-        /// One wrong bit never passes as a frame.
-        #[test]
-        fn a_wrong_bit_is_noticed(x in -1e6f32..1e6, byte in 1usize..40, bit in 0u32..8) {
-            let mut buffer = [0; MAX_FRAME];
-            let mut frame = Encoder::new(OWN).encode(&position(x), &mut buffer).to_vec();
-            let at = byte % frame.len();
-            frame[at] ^= 1 << bit;
-            let mut decoder = Decoder::new();
-            let mut input = &frame[..];
-            prop_assert!(decoder.next_frame(&mut input).is_none());
-            prop_assert!(decoder.end_of_datagram().is_none());
-        }
-    }
-}
+mod tests;

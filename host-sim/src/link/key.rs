@@ -1,0 +1,116 @@
+//! Key files for MAVLink 2 signing: 64 hexadecimal digits, or 32 bytes as they are.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use firmware_core::autopilot::wire::signing::SigningKey;
+
+/// A key file that cannot be used. The key itself is in no message.
+#[derive(Debug, thiserror::Error)]
+pub enum KeyError {
+    /// It cannot be read.
+    #[error("key file {path}: {error}")]
+    Read {
+        /// Which file.
+        path: String,
+        /// Why.
+        error: std::io::Error,
+    },
+    /// Others than its owner can read or change it.
+    #[error("key file {path}: mode {mode:03o} lets others in; it must be 600 or 400 (chmod 600)")]
+    Permissions {
+        /// Which file.
+        path: String,
+        /// Its permission bits.
+        mode: u32,
+    },
+    /// It is no key.
+    #[error("key file {path}: {length} bytes; it must hold 64 hexadecimal digits or 32 bytes")]
+    Format {
+        /// Which file.
+        path: String,
+        /// Its length (at most 67 are looked at).
+        length: usize,
+    },
+}
+
+/// Reads a key.
+pub fn read(path: &Path) -> Result<SigningKey, KeyError> {
+    let failed = |error| KeyError::Read {
+        path: path.display().to_string(),
+        error,
+    };
+    let file = File::open(path).map_err(failed)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Of the file that was opened, not of whatever has its name by now.
+        let mode = file.metadata().map_err(failed)?.permissions().mode() & 0o777;
+        if mode & 0o077 != 0 {
+            return Err(KeyError::Permissions {
+                path: path.display().to_string(),
+                mode,
+            });
+        }
+    }
+    let mut bytes = Vec::new();
+    file.take(67).read_to_end(&mut bytes).map_err(failed)?;
+    parse(&bytes).ok_or_else(|| KeyError::Format {
+        path: path.display().to_string(),
+        length: bytes.len(),
+    })
+}
+
+fn parse(bytes: &[u8]) -> Option<SigningKey> {
+    if let Ok(raw) = bytes.try_into() {
+        return Some(SigningKey::new(raw));
+    }
+    let digits = bytes.trim_ascii_end();
+    if digits.len() != 64 {
+        return None;
+    }
+    let digit = |b: u8| char::from(b).to_digit(16);
+    let mut key = [0; 32];
+    for (byte, pair) in key.iter_mut().zip(digits.chunks_exact(2)) {
+        *byte = (digit(pair[0])? * 16 + digit(pair[1])?) as u8;
+    }
+    Some(SigningKey::new(key))
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::io::Write;
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    fn file(content: &[u8], mode: u32) -> tempfile::NamedTempFile {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        file.write_all(content).unwrap();
+        let permissions = std::fs::Permissions::from_mode(mode);
+        file.as_file().set_permissions(permissions).unwrap();
+        file
+    }
+
+    #[test]
+    fn keys_are_read_from_private_files_only_and_never_shown() {
+        let hex = [b"0f".repeat(32), b"\n".to_vec()].concat();
+        for content in [&hex[..], &[15; 32]] {
+            let key = read(file(content, 0o600).path()).unwrap();
+            assert_eq!(format!("{key:?}"), "SigningKey(..)");
+        }
+        let error = read(file(&hex, 0o644).path()).unwrap_err().to_string();
+        assert!(
+            error.contains("mode 644") && error.contains("chmod 600"),
+            "{error}"
+        );
+        for content in [&b"secret"[..], &[b'z'; 64], &[1; 33], &[b'a'; 70]] {
+            let error = read(file(content, 0o600).path()).unwrap_err().to_string();
+            assert!(error.contains("64 hexadecimal digits"), "{error}");
+            assert!(!error.contains("secret"));
+        }
+        let missing = read(Path::new("no-such.key")).unwrap_err().to_string();
+        assert!(missing.contains("no-such.key"), "{missing}");
+    }
+}
