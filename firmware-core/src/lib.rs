@@ -52,7 +52,7 @@
 #![no_std]
 #![deny(missing_docs)]
 
-#[cfg(test)]
+#[cfg(any(test, feature = "onnx"))]
 extern crate std;
 
 pub mod aircomp;

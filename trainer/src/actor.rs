@@ -5,6 +5,8 @@ use firmware_core::policy::{
     Provenance,
     mlp::{self, Header},
 };
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use crate::{env::Normalizer, nn::Mlp};
@@ -106,6 +108,14 @@ impl Actor {
             *u = f64::from(self.reach_m) * u.tanh();
         }
         x
+    }
+
+    /// An observation drawn from (a little more than) what a mission can show, raw units.
+    pub fn random_observation(&self, rng: &mut Pcg64Mcg) -> Vec<f32> {
+        let pairs = self.normalizer.offset.iter().zip(&self.normalizer.scale);
+        pairs
+            .map(|(offset, scale)| offset + rng.random_range(-1.2_f32..1.2) / scale)
+            .collect()
     }
 
     /// A state in the middle of a mission, no two features alike, and what it gives.

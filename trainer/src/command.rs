@@ -2,6 +2,7 @@
 
 use std::{
     fs,
+    io::{BufWriter, Write, stdout},
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -16,11 +17,16 @@ use firmware_core::{
     },
 };
 use host_sim::scenario::Scenario;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
 use trainer::{
-    checkpoint::{self, write_atomically},
+    card::{self, References},
+    checkpoint::{self, Progress, write_atomically},
     ddpg::Ddpg,
     evaluate::{Flight, fly},
     learner::Learner,
+    metrics::EVALUATION,
     onnx,
     sac::Sac,
     settings::{Algorithm, Constraints, Preset, Settings},
@@ -285,5 +291,161 @@ impl Evaluate {
             flight.shield_interventions
         );
         Ok(())
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Probe {
+    /// A .onnx file
+    onnx: PathBuf,
+    /// How many observations
+    #[arg(long, default_value_t = 10_000)]
+    count: usize,
+    /// Where random numbers start
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+#[derive(Serialize)]
+struct ProbeLine<'a> {
+    observation: &'a [f32],
+    displacement: &'a [f32],
+    user_scores: &'a [f32],
+}
+
+impl Probe {
+    pub(crate) fn execute(self) -> Outcome {
+        let load = || -> anyhow::Result<_> {
+            let actor = onnx::read::read(&self.onnx)?;
+            let policy = Mlp::load(actor.to_policy_file()?)?;
+            Ok((actor, policy))
+        };
+        let (actor, policy) = load().map_err(Failure::BadInput)?;
+        let mut rng = Pcg64Mcg::seed_from_u64(self.seed);
+        let mut out = BufWriter::new(stdout().lock());
+        for _ in 0..self.count {
+            let observation = actor.random_observation(&mut rng);
+            let outputs = policy.evaluate(&observation);
+            let line = serde_json::to_string(&ProbeLine {
+                observation: &observation,
+                displacement: &outputs[..2],
+                user_scores: &outputs[2..],
+            });
+            let line = line.map_err(|error| Failure::Failed(error.into()))?;
+            writeln!(out, "{line}").map_err(|error| Failure::Failed(error.into()))?;
+        }
+        out.flush().map_err(|error| Failure::Failed(error.into()))
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Publish {
+    /// A run's directory
+    run: PathBuf,
+    /// Stem of the files to write: STEM.onnx, STEM.md, STEM.svg
+    #[arg(long)]
+    stem: PathBuf,
+    /// The command that made the run, for the card
+    #[arg(long)]
+    command: String,
+    /// The search's total rate on this scenario, bit/s/Hz
+    #[arg(long)]
+    search: Option<f64>,
+    /// Scenario file, or the name of a shipped one [default: the run's, if it is shipped]
+    #[arg(long)]
+    scenario: Option<PathBuf>,
+}
+
+impl Publish {
+    pub(crate) fn execute(self) -> Outcome {
+        let progress = checkpoint::read_progress(&self.run.join(CHECKPOINT));
+        let progress = progress.map_err(Failure::BadInput)?;
+        let files = self.files(&progress).map_err(Failure::BadInput)?;
+        for (extension, bytes) in files {
+            let path = self.stem.with_extension(extension);
+            let written = write_atomically(&path, &bytes);
+            let written = written.with_context(|| path.display().to_string());
+            written.map_err(Failure::Failed)?;
+        }
+        Ok(())
+    }
+
+    fn files(&self, progress: &Progress) -> anyhow::Result<[(&'static str, Vec<u8>); 3]> {
+        let best = progress
+            .best
+            .as_ref()
+            .context("the run has no admissible policy")?;
+        let named = self
+            .scenario
+            .clone()
+            .unwrap_or_else(|| PathBuf::from(&progress.scenario));
+        let scenario = scenario(&named, None)?;
+        ensure!(
+            scenario.digest() == progress.scenario_digest,
+            "{} is not the scenario of the run: their digests differ",
+            named.display()
+        );
+        let references = References {
+            straight_line: fly(&scenario.mission, StraightLine::new(&scenario.mission))?.sum_rate,
+            search: self.search,
+        };
+        let name = self.stem.file_name().unwrap_or_default().to_string_lossy();
+        let card = card::markdown(&name, &self.command, progress, best, references);
+        let curve = card::learning_curve(&progress.rows, references);
+        Ok([
+            ("onnx", onnx::write(&best.actor)),
+            ("md", card.into_bytes()),
+            ("svg", curve.into_bytes()),
+        ])
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Curves {
+    /// Directories of runs
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// The CSV file to write
+    #[arg(long)]
+    out: PathBuf,
+    /// Episodes that a row averages over
+    #[arg(long, default_value_t = 40)]
+    window: usize,
+}
+
+impl Curves {
+    pub(crate) fn execute(self) -> Outcome {
+        let text = self.text().map_err(Failure::BadInput)?;
+        let written = write_atomically(&self.out, text.as_bytes());
+        let written = written.with_context(|| self.out.display().to_string());
+        written.map_err(Failure::Failed)
+    }
+
+    fn text(&self) -> anyhow::Result<String> {
+        let mut text = String::from(
+            "scenario,algorithm,learning_rate,seed,episode,episodic_return,sum_rate,eval_sum_rate\n",
+        );
+        for run in &self.runs {
+            let progress = checkpoint::read_progress(&run.join(CHECKPOINT))?;
+            let s = &progress.settings;
+            for rows in progress.rows.chunks(self.window.max(1)) {
+                let mean = |column: &str| {
+                    let values: Vec<f64> = rows.iter().filter_map(|row| row.get(column)).collect();
+                    values.iter().sum::<f64>() / values.len() as f64
+                };
+                text += &format!(
+                    "{},{},{},{},{},{:.4},{:.4},{:.4}\n",
+                    progress.scenario,
+                    s.algorithm.name(),
+                    s.policy_learning_rate,
+                    s.seed,
+                    rows[rows.len() - 1].episode,
+                    mean("charts/episodic_return"),
+                    mean("charts/sum_rate"),
+                    mean(EVALUATION),
+                );
+            }
+        }
+        Ok(text)
     }
 }

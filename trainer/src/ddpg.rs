@@ -190,10 +190,10 @@ impl Ddpg {
         self.state
             .target_critic
             .forward(self.arch, &mut self.critic);
-        let value = self.critic.output();
-        for s in 0..self.batch.len {
-            let follows = self.settings.discount * self.batch.follows[s];
-            self.target[s] = self.batch.reward[s] + follows * value[s];
+        let values = self.critic.output().iter().zip(&self.batch.follows);
+        let known = self.batch.reward.iter().zip(values);
+        for (target, (reward, (value, follows))) in self.target.iter_mut().zip(known) {
+            *target = reward + self.settings.discount * follows * value;
         }
     }
 

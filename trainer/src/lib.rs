@@ -9,9 +9,10 @@
 //! | [`nn`] | layers, back-propagation, Adam |
 //! | [`training`] | the loop, [`metrics`], [`tensorboard`], [`checkpoint`] |
 //! | [`actor`], [`onnx`] | the policy that results, and its files |
-//! | [`evaluate`] | what it comes to in flight |
+//! | [`evaluate`], [`card`] | what it comes to in flight, and what is said of it |
 
 pub mod actor;
+pub mod card;
 pub mod checkpoint;
 pub mod ddpg;
 pub mod env;

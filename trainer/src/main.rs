@@ -31,6 +31,12 @@ enum Command {
     Convert(command::Convert),
     /// Fly a policy once, deterministically, and say what it came to
     Evaluate(command::Evaluate),
+    /// Print random observations and a policy's answers, a JSON line each, to compare runtimes
+    Probe(command::Probe),
+    /// Write a run's best policy with its model card and learning curve
+    Publish(command::Publish),
+    /// Gather the learning curves of several runs in one CSV file
+    Curves(command::Curves),
 }
 
 fn main() -> ExitCode {
@@ -39,6 +45,9 @@ fn main() -> ExitCode {
         Command::Export(export) => export.execute(),
         Command::Convert(convert) => convert.execute(),
         Command::Evaluate(evaluate) => evaluate.execute(),
+        Command::Probe(probe) => probe.execute(),
+        Command::Publish(publish) => publish.execute(),
+        Command::Curves(curves) => curves.execute(),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

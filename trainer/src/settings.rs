@@ -145,9 +145,10 @@ impl Settings {
         match preset {
             Preset::Paper => paper,
             Preset::Tuned => Self {
-                discount: 0.98,
+                discount: 0.95,
                 policy_learning_rate: 3e-4,
                 critic_learning_rate: 3e-4,
+                temperature_learning_rate: 3e-4,
                 ..paper
             },
         }

@@ -72,7 +72,7 @@ impl<L: Learner> Training<L> {
         let action_len = L::action_len(dimensions.users);
         let capacity = settings.buffer_capacity;
         let replay = Replay::new(capacity, dimensions.observation, action_len);
-        let latest = actor_of(&learner, &scenario, &settings, 0)?;
+        let latest = actor_of(&learner, &scenario, &settings, 0);
         let progress = Progress {
             scenario: scenario.name.clone(),
             scenario_digest: scenario.digest(),
@@ -286,7 +286,7 @@ impl<L: Learner> Training<L> {
     fn evaluate(&mut self) -> anyhow::Result<Flight> {
         let progress = &mut self.progress;
         let (episode, settings) = (progress.episode, &progress.settings);
-        let actor = actor_of(&self.learner, &self.scenario, settings, episode)?;
+        let actor = actor_of(&self.learner, &self.scenario, settings, episode);
         let policy = Mlp::load(actor.to_policy_file()?)?;
         let flight = fly(&self.scenario.mission, policy)?;
         let best = progress.best.as_ref();
@@ -333,15 +333,16 @@ pub const CHECKPOINT: &str = "checkpoint.bin";
 /// A run's best policy in its directory.
 pub const POLICY: &str = "policy.onnx";
 
-fn actor_of<L: Learner>(
+/// A learner's deterministic policy with all that its files carry.
+pub fn actor_of<L: Learner>(
     learner: &L,
     scenario: &Scenario,
     settings: &Settings,
     episode: u32,
-) -> anyhow::Result<Actor> {
+) -> Actor {
     let mission = &scenario.mission;
     let p = mission.parameters();
-    Ok(Actor {
+    Actor {
         provenance: Provenance {
             users: mission.user_count() as u32,
             max_speed_mps: p.max_speed_mps as f32,
@@ -356,7 +357,7 @@ fn actor_of<L: Learner>(
         normalizer: Normalizer::of_mission(mission),
         layers: learner.deterministic(),
         reach_m: mission.reach_m() as f32,
-    })
+    }
 }
 
 /// As much of a text as fits.

@@ -5,9 +5,11 @@
 //! [shield](crate::shield) makes every action admissible.
 //!
 //! Here are the two rule-based policies of the paper's comparisons, and trained ones: [`mlp`] runs
-//! anywhere, from a `.policy` file.
+//! anywhere, from a `.policy` file; `onnx` (a feature, needs std) runs `.onnx` files.
 
 pub mod mlp;
+#[cfg(feature = "onnx")]
+pub mod onnx;
 mod provenance;
 mod rules;
 

@@ -1,0 +1,179 @@
+//! Model cards: what a shipped policy is, how it was made, and its learning curve as SVG.
+
+use std::fmt::Write as _;
+
+use crate::{
+    checkpoint::{Evaluated, Progress},
+    metrics::{EVALUATION, Row},
+};
+
+/// What the card compares the policy with, bit/s/Hz over the mission.
+#[derive(Clone, Copy, Debug)]
+pub struct References {
+    /// The straight line with the nearest admissible user.
+    pub straight_line: f64,
+    /// The search's feasible mission, where one was computed.
+    pub search: Option<f64>,
+}
+
+/// The card in Markdown. `name` is the files' stem.
+pub fn markdown(
+    name: &str,
+    command: &str,
+    progress: &Progress,
+    best: &Evaluated,
+    references: References,
+) -> String {
+    let s = &progress.settings;
+    let rate = best.flight.sum_rate;
+    let search = match references.search {
+        Some(search) => format!("{search:.3} ({:.1} %)", 100.0 * rate / search),
+        None => "not computed here".into(),
+    };
+    let rows = [
+        ("Scenario", progress.scenario.clone()),
+        ("Scenario digest", format!("`{}`", progress.scenario_digest)),
+        ("Made by", format!("`{command}`")),
+        ("Algorithm", s.algorithm.name().to_uppercase()),
+        ("Seed", s.seed.to_string()),
+        (
+            "Episodes, slots",
+            format!("{}, {}", progress.episode, progress.global_step),
+        ),
+        ("Kept after episode", best.episode.to_string()),
+        (
+            "Total rate",
+            format!(
+                "**{rate:.3}** bit/s/Hz over {} slots",
+                best.flight.path_m.len()
+            ),
+        ),
+        (
+            "Straight line",
+            format!(
+                "{:.3} (policy: {:.1} % of it)",
+                references.straight_line,
+                100.0 * rate / references.straight_line
+            ),
+        ),
+        ("Search", search),
+        (
+            "Constraints",
+            format!(
+                "arrived: {}, fair: {}, slots over Gamma: {}",
+                yes(best.flight.arrived),
+                yes(best.flight.fair),
+                best.flight.mse_violations
+            ),
+        ),
+        (
+            "Slots in which the shield acted",
+            best.flight.shield_interventions.to_string(),
+        ),
+    ];
+    let mut card = format!("# {name}\n\n| | |\n|---|---|\n");
+    for (key, value) in rows {
+        // Writing to a string cannot fail.
+        let _ = writeln!(card, "| {key} | {value} |");
+    }
+    let _ = write!(
+        card,
+        "\nThe same command writes the same bytes, whatever vector instructions the machine has \
+         (docs/training.md).\nThe shield acts in most slots because steps are asked for in a \
+         square and cut to the speed disc, and because\nusers that have had their slots are \
+         passed over.\n\n![Learning curve]({name}.svg)\n"
+    );
+    card
+}
+
+fn yes(is: bool) -> &'static str {
+    if is { "yes" } else { "no" }
+}
+
+const WIDTH: f64 = 640.0;
+const HEIGHT: f64 = 320.0;
+const MARGIN: f64 = 48.0;
+/// Episodes over which a point of the curve averages.
+const WINDOW: usize = 40;
+
+/// Sum rate over episodes: with exploration (mean of 40) and deterministic.
+pub fn learning_curve(rows: &[Row], references: References) -> String {
+    let explored: Vec<(f64, f64)> = rows
+        .chunks(WINDOW)
+        .map(|rows| {
+            let sum: f64 = rows
+                .iter()
+                .filter_map(|row| row.get("charts/sum_rate"))
+                .sum();
+            (
+                f64::from(rows[rows.len() - 1].episode),
+                sum / rows.len() as f64,
+            )
+        })
+        .collect();
+    let evaluated: Vec<(f64, f64)> = rows
+        .iter()
+        .filter_map(|row| Some((f64::from(row.episode), row.get(EVALUATION)?)))
+        .collect();
+    let last = explored.last().map_or(1.0, |point| point.0);
+    let levels = explored.iter().chain(&evaluated).map(|point| point.1);
+    let levels = levels
+        .chain([references.straight_line])
+        .chain(references.search);
+    let (low, high) = levels.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), y| {
+        (low.min(y), high.max(y))
+    });
+    let (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
+    let x = |episode: f64| MARGIN + episode / last * (WIDTH - 2.0 * MARGIN);
+    let y = |rate: f64| HEIGHT - MARGIN - (rate - low) / (high - low) * (HEIGHT - 2.0 * MARGIN);
+    let line = |points: &[(f64, f64)], style: &str| {
+        let points: Vec<String> = points
+            .iter()
+            .map(|point| format!("{:.1},{:.1}", x(point.0), y(point.1)))
+            .collect();
+        format!(
+            "<polyline fill='none' {style} points='{}'/>\n",
+            points.join(" ")
+        )
+    };
+    let text = |x: f64, y: f64, anchor: &str, text: &str| {
+        format!("<text x='{x:.0}' y='{y:.0}' text-anchor='{anchor}'>{text}</text>\n")
+    };
+    let mut svg = format!(
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {WIDTH} {HEIGHT}' \
+         font-family='sans-serif' font-size='12'>\n\
+         <rect width='{WIDTH}' height='{HEIGHT}' fill='white'/>\n"
+    );
+    let frame = [(0.0, high), (0.0, low), (last, low)];
+    svg += &line(&frame, "stroke='black'");
+    for rate in [low, high] {
+        svg += &text(MARGIN - 6.0, y(rate) + 4.0, "end", &format!("{rate}"));
+    }
+    svg += &text(x(last), HEIGHT - MARGIN + 16.0, "end", &format!("{last}"));
+    svg += &text(WIDTH / 2.0, HEIGHT - 12.0, "middle", "episode");
+    svg += &text(MARGIN, MARGIN - 24.0, "start", "total rate, bit/s/Hz");
+    let level = |rate: f64| [(0.0, rate), (last, rate)];
+    svg += &line(
+        &level(references.straight_line),
+        "stroke='#888' stroke-dasharray='2 4'",
+    );
+    svg += &text(
+        x(last),
+        y(references.straight_line) - 4.0,
+        "end",
+        "straight line",
+    );
+    if let Some(search) = references.search {
+        svg += &line(&level(search), "stroke='#888' stroke-dasharray='6 4'");
+        svg += &text(x(last), y(search) - 4.0, "end", "search");
+    }
+    svg += &line(&explored, "stroke='#9ab' stroke-width='1.5'");
+    svg += &line(&evaluated, "stroke='#c40' stroke-width='1.2'");
+    svg += &text(
+        x(last),
+        HEIGHT - MARGIN - 24.0,
+        "end",
+        "blue: exploring; red: deterministic",
+    );
+    svg + "</svg>\n"
+}
