@@ -12,6 +12,7 @@
 //! | [`record`] | what a flight leaves behind |
 
 pub mod conic;
+pub mod doctor;
 pub mod flight;
 pub mod interrupt;
 pub mod link;
@@ -21,5 +22,6 @@ pub mod record;
 pub mod report;
 pub mod scenario;
 pub mod solve;
+pub mod upload;
 pub mod vehicle;
 pub mod world;

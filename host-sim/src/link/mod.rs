@@ -10,6 +10,7 @@ pub mod key;
 pub mod lossy;
 mod port;
 mod serial;
+mod session;
 mod tcp;
 pub mod tlog;
 mod udp;
@@ -20,6 +21,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 pub use port::Port;
+pub use session::Session;
 
 /// Bytes to and from one place.
 pub trait Link: Send + fmt::Debug {

@@ -1,0 +1,161 @@
+//! Doctor and upload against the vehicle process, over real UDP, faster than real time.
+
+mod flight;
+
+use std::net::UdpSocket;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use firmware_core::autopilot::Autopilot;
+use firmware_core::autopilot::mission::Ending;
+use firmware_core::autopilot::profile::Firmware;
+use firmware_core::autopilot::wire::signing::SigningKey;
+use firmware_core::time::Duration;
+use flight::zigzag;
+use host_sim::doctor::{Diagnosis, examine};
+use host_sim::link::{LinkAddress, Port, Session, tlog};
+use host_sim::upload::{FailedUpload, Upload};
+use host_sim::vehicle::{Profile, VehicleSettings, serve};
+
+const SPEED: f64 = 20.0;
+
+struct Process {
+    port: u16,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<std::io::Result<()>>>,
+}
+
+impl Process {
+    fn start(settings: VehicleSettings) -> Self {
+        let port = UdpSocket::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+            .port();
+        let stop = Arc::new(AtomicBool::new(false));
+        let listen: LinkAddress = format!("udpin:127.0.0.1:{port}").parse().unwrap();
+        let thread = std::thread::spawn({
+            let stop = Arc::clone(&stop);
+            move || serve(&listen, settings, SPEED, &stop)
+        });
+        Self {
+            port,
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    fn visit(&self, profile: Profile, key: Option<u8>) -> (Session, Autopilot<f64>) {
+        let settings = flight::settings(profile);
+        let link: LinkAddress = format!("udpout:127.0.0.1:{}", self.port).parse().unwrap();
+        let mut port = Port::new(link.open().unwrap(), settings.own);
+        if let Some(key) = key {
+            port.sign_with(SigningKey::new([key; 32]), 1);
+        }
+        (Session::new(port, SPEED), Autopilot::new(settings).unwrap())
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            thread.join().unwrap().unwrap();
+        }
+    }
+}
+
+fn diagnose(process: &Process, profile: Profile, key: Option<u8>, seconds: u64) -> Diagnosis {
+    let (mut session, mut client) = process.visit(profile, key);
+    let patience = Duration::from_secs(seconds);
+    examine(&mut session, &mut client, patience, &AtomicBool::new(false)).unwrap()
+}
+
+#[test]
+fn the_doctor_says_what_stops_and_what_slows_a_mission() {
+    let process = Process::start(flight::vehicle(Profile::ArduCopter));
+    let early = diagnose(&process, Profile::ArduCopter, None, 15);
+    assert!(!early.is_ready());
+    let text = early.to_string();
+    assert!(text.contains("stops a mission: no position yet"), "{text}");
+    let later = diagnose(&process, Profile::ArduCopter, None, 60);
+    let text = later.to_string();
+    assert!(later.is_ready(), "{text}");
+    assert!(text.contains("connected: ArduCopter, system 1"), "{text}");
+    let slows = "slows a mission: WPNAV_SPEED is 1000: it clips speed; set it to 3000";
+    assert!(text.contains(slows), "{text}");
+    assert!(text.contains("to know: FS_GCS_ENABLE is 0"), "{text}");
+    assert!(text.ends_with("a mission would fly"), "{text}");
+}
+
+#[test]
+fn the_doctor_hears_nobody() {
+    let process = Process::start(flight::vehicle(Profile::Ideal));
+    let (mut session, mut client) = process.visit(Profile::Ideal, None);
+    drop(process);
+    let patience = Duration::from_secs(3);
+    let diagnosis = examine(&mut session, &mut client, patience, &AtomicBool::new(false)).unwrap();
+    assert!(diagnosis.to_string().starts_with("nobody answers"));
+    assert!(!diagnosis.is_ready());
+}
+
+#[test]
+fn a_signed_vehicle_listens_to_its_key_only() {
+    let mut settings = flight::vehicle(Profile::Multirotor);
+    settings.signing = Some((SigningKey::new([7; 32]), tlog::wall_clock_us()));
+    let process = Process::start(settings);
+    let signed = diagnose(&process, Profile::Multirotor, Some(7), 30);
+    assert!(signed.is_ready(), "{signed}");
+    assert_eq!(signed.vehicle, Some((1, Firmware::Generic)));
+    for key in [None, Some(8)] {
+        assert!(!diagnose(&process, Profile::Multirotor, key, 5).is_ready());
+    }
+}
+
+#[test]
+fn a_mission_is_uploaded_and_started_over_udp() {
+    for profile in [Profile::ArduCopter, Profile::Px4] {
+        let mut settings = flight::vehicle(profile);
+        settings.ready_after = Duration::from_secs(2);
+        let process = Process::start(settings);
+        let (mut session, mut client) = process.visit(profile, None);
+        let waypoints = zigzag();
+        let upload = Upload {
+            waypoints: &waypoints,
+            speed_mps: 10.0,
+            ending: Ending::Return,
+            start: true,
+            patience: Duration::from_secs(60),
+        };
+        let go_on = AtomicBool::new(false);
+        let mut last = 0;
+        let items = upload
+            .run(&mut session, &mut client, &go_on, |done, _| last = done)
+            .unwrap();
+        assert_eq!(
+            usize::from(items),
+            waypoints.len() + if profile == Profile::Px4 { 3 } else { 4 }
+        );
+        assert_eq!(last, items);
+        assert!(
+            client.is_armed() || {
+                session.turn(&mut client, |_, _, _| {}).unwrap();
+                true
+            }
+        );
+        // Ctrl-C before it begins: nothing is left half done.
+        let stop = AtomicBool::new(true);
+        let (mut session, mut client) = process.visit(profile, None);
+        let failed = upload
+            .run(&mut session, &mut client, &stop, |_, _| {})
+            .unwrap_err();
+        assert!(
+            matches!(
+                failed,
+                FailedUpload::NotReady(_) | FailedUpload::NobodyThere
+            ),
+            "{failed}"
+        );
+    }
+}
