@@ -1,5 +1,5 @@
 //! The safety shield: the mission's hard constraints hold whatever a policy says
-//! (`docs/mathematics.md`, section 3).
+//! (`docs/mathematics.md`, section 4).
 //!
 //! Before slot `n` of `N`, from `q_{n-1}`, the wished displacement is projected (Euclidean,
 //! exact) onto

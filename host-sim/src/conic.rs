@@ -176,7 +176,15 @@ pub fn alternate(
         for _ in 0..settings.inner_max {
             solves += 1;
             let (status, next) = slot.subproblem(eta, psi);
-            let Some(next) = next else {
+            let objective = |p: &Point| {
+                let psi_after = (psi - p.signal).max(p.energy);
+                (p.signal + psi_after).ln() - psi_after / psi
+            };
+            // Clarabel may lack the progress for its own tolerance at a point that is good: it
+            // is one if the objective of eq:p_pbp did not fall by more than that tolerance.
+            let Some(next) =
+                next.filter(|next| is_solution(status) || objective(next) >= objective(&point))
+            else {
                 failed = Some(status);
                 break;
             };
@@ -408,7 +416,7 @@ impl<'a> Slot<'a> {
         problem.row(&[(z, -1.0), (psi, -1.0)], 0.0);
         problem.cone(ExponentialConeT());
         let (status, x) = problem.solve(1e-8);
-        if !(is_solution(status) && x.iter().all(|v| v.is_finite())) {
+        if is_infeasible(status) || !x.iter().all(|v| v.is_finite()) {
             return (status, None);
         }
         let point = self.silent(x[..sensors].iter().map(|x| x / eta).collect());
@@ -501,6 +509,7 @@ impl Problem {
         self.cones.push(cone);
     }
 
+    /// Tries shorter steps where Clarabel's own end in a corner of the exponential cone.
     fn solve(self, tolerance: f64) -> (SolverStatus, Vec<f64>) {
         let variables = self.objective.len();
         let quadratic = CscMatrix::zeros((variables, variables));
@@ -511,28 +520,33 @@ impl Problem {
             self.columns,
             self.values,
         );
-        let settings = DefaultSettings {
-            verbose: false,
-            tol_gap_abs: tolerance,
-            tol_gap_rel: tolerance,
-            tol_feas: tolerance,
-            ..DefaultSettings::default()
-        };
-        let solver = DefaultSolver::new(
-            &quadratic,
-            &self.objective,
-            &constraints,
-            &self.right,
-            &self.cones,
-            settings,
-        );
-        match solver {
-            Ok(mut solver) => {
-                solver.solve();
-                (solver.solution.status, solver.solution.x.clone())
-            }
+        let mut found = (SolverStatus::Unsolved, vec![f64::NAN; variables]);
+        for (max_step_fraction, equilibrate_enable) in [(0.99, true), (0.8, true), (0.8, false)] {
+            let settings = DefaultSettings {
+                verbose: false,
+                tol_gap_abs: tolerance,
+                tol_gap_rel: tolerance,
+                tol_feas: tolerance,
+                max_step_fraction,
+                equilibrate_enable,
+                ..DefaultSettings::default()
+            };
             // Dimensions are this module's own: the constructor has nothing else to refuse.
-            Err(_) => (SolverStatus::Unsolved, vec![f64::NAN; variables]),
+            if let Ok(mut solver) = DefaultSolver::new(
+                &quadratic,
+                &self.objective,
+                &constraints,
+                &self.right,
+                &self.cones,
+                settings,
+            ) {
+                solver.solve();
+                found = (solver.solution.status, solver.solution.x.clone());
+            }
+            if is_solution(found.0) || is_infeasible(found.0) {
+                break;
+            }
         }
+        found
     }
 }
