@@ -389,11 +389,20 @@ fn check(rows: &[(&str, Vec<Outcome>)]) -> Result<()> {
         let most = shares.iter().copied().fold(0.0, f64::max);
         let seconds = median(outcomes.iter().map(|o| o.seconds).collect());
         ensure!(most <= 1.0 + 1e-7, "{name} beats exact: {most}");
-        ensure!(least >= least_allowed, "{name} reaches {least} of the optimum only");
+        ensure!(
+            least >= least_allowed,
+            "{name} reaches {least} of the optimum only"
+        );
         let differing = differing(outcomes, exact);
-        ensure!(differing == 0, "{name}: feasibility differs on {differing} slots");
+        ensure!(
+            differing == 0,
+            "{name}: feasibility differs on {differing} slots"
+        );
         let ratio = seconds / exact_time;
-        ensure!(ratio >= times_exact, "{name} takes {ratio} times exact's time only");
+        ensure!(
+            ratio >= times_exact,
+            "{name} takes {ratio} times exact's time only"
+        );
     }
     Ok(())
 }

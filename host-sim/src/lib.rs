@@ -11,6 +11,7 @@
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`] | what a flight leaves behind |
 
+pub mod allocation;
 pub mod conic;
 pub mod doctor;
 pub mod flight;

@@ -12,6 +12,7 @@ use std::{
 
 use clap::Args;
 use host_sim::{
+    allocation::Allocation,
     flight::{self, FlightSettings, Observer, Pace, Peer},
     interrupt,
     link::LinkAddress,
@@ -35,6 +36,11 @@ pub(crate) struct RunArguments {
     /// Who decides: straight-line, fixed, or a file
     #[arg(long, default_value = "straight-line")]
     policy: PolicyChoice,
+    /// How the powers of a slot are chosen: exact, alternating (the paper's Alg. 1), or its
+    /// comparison schemes fixed-user-power[:WATTS] and fixed-sensor-power[:WATTS] (without
+    /// WATTS the scenario's largest power)
+    #[arg(long, default_value = "exact", value_name = "METHOD")]
+    inner: Allocation,
     /// Which vehicle
     #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
     profile: Profile,
@@ -81,6 +87,7 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     })?;
     let settings = FlightSettings {
         policy: arguments.policy.to_string(),
+        inner: arguments.inner,
         profile: arguments.profile,
         pace: arguments.speed,
         seed: arguments.seed,

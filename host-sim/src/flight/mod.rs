@@ -26,6 +26,7 @@ use firmware_core::{
 use thiserror::Error;
 
 use crate::{
+    allocation::Allocation,
     record::{FlightEvent, FlightRecord, PathSample, SlotRecord},
     scenario::Scenario,
     vehicle::{Profile, VehicleSettings},
@@ -45,6 +46,8 @@ const CONNECT_PATIENCE: Instant = Instant::from_micros(30_000_000);
 pub struct FlightSettings {
     /// The policy's name, for the record.
     pub policy: String,
+    /// How the powers of a slot are chosen.
+    pub inner: Allocation,
     /// Which vehicle is at the other end: sets the limits that the guidance plans with.
     pub profile: Profile,
     /// How fast time passes.
@@ -186,7 +189,8 @@ struct Flight<P> {
 
 impl<P: Policy<f64, USERS_MAX>> Flight<P> {
     fn new(scenario: &Scenario, policy: P, settings: &FlightSettings) -> Result<Self, FlightError> {
-        let controller = Controller::new(scenario.mission.clone(), policy);
+        let controller = Controller::new(scenario.mission.clone(), policy)
+            .with_method(settings.inner.method(&scenario.mission));
         let autopilot = Autopilot::new(autopilot_settings(scenario, settings.profile))?;
         Ok(Self {
             onboard: Onboard::new(Settings::default(), controller, autopilot),
@@ -315,7 +319,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         FlightRecord {
             scenario: scenario.clone(),
             policy: settings.policy.clone(),
-            inner: "exact".into(),
+            inner: settings.inner.to_string(),
             profile: settings.profile.name().into(),
             seed: settings.seed,
             slots: self.ground.into_slots(),
