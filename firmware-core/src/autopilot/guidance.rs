@@ -8,9 +8,9 @@
 //! [`Guide`] strings them together:
 //!
 //! * a **leg** reaches its way-point at the slot's end, passing through it with the mean
-//!   velocity of the leg, as nearly as [`Limits`] allow. Where they do not (from rest, or
-//!   round a sharp corner) the reference ends short of the way-point, on the way to it, and
-//!   the next leg starts from there.
+//!   velocity of the leg. Where [`Limits`] do not allow that (from rest, round a sharp corner,
+//!   to a place that lies behind) the acceleration moves, linearly over the leg, to what chases
+//!   the way-points best: their own velocity, plus a correction no faster than can be braked.
 //! * a **transit** goes from rest to rest, in the least time the limits allow.
 //! * a **stop** follows whatever was not continued: the last reference decelerates to rest.
 //!   A stream never ends with a velocity in it.
@@ -67,6 +67,17 @@ impl<T: Scalar> Motion<T> {
         Self {
             position,
             velocity: Vector2::zeros(),
+            acceleration: Vector2::zeros(),
+        }
+    }
+
+    /// Where this leads in `seconds` if the acceleration fades to zero.
+    fn faded(&self, seconds: T) -> Self {
+        let gained = self.acceleration * (seconds * T::of(0.5));
+        let moved = (self.velocity + self.acceleration * (seconds * T::of(1.0 / 3.0))) * seconds;
+        Self {
+            position: self.position + moved,
+            velocity: self.velocity + gained,
             acceleration: Vector2::zeros(),
         }
     }
@@ -187,15 +198,17 @@ impl<T: Scalar> Trajectory<T> {
         worst
     }
 
-    /// From `from` to `waypoint` at `end`, passing through it with the leg's mean velocity, as
-    /// nearly as `limits` allow.
+    /// From `from` to `waypoint` at `end`, passing through it with the leg's mean velocity if
+    /// `limits` allow it, chasing it if not. `pace` is the velocity of the way-points
+    /// themselves, from one slot to the next.
     ///
-    /// Worst case: 2 x 10 candidates of 13 points.
+    /// Worst case: 11 candidates of 26 points.
     pub fn leg(
         now: Instant,
         end: Instant,
         from: Motion<T>,
         waypoint: Position<T>,
+        pace: Displacement<T>,
         limits: &Limits<T>,
     ) -> Self {
         let span = end - now;
@@ -206,66 +219,72 @@ impl<T: Scalar> Trajectory<T> {
         } else {
             Vector2::zeros()
         };
-        let through = Self::new(
-            now,
-            span,
-            from,
-            Motion {
-                position: waypoint,
-                velocity: mean,
-                acceleration: Vector2::zeros(),
-            },
-        );
+        let to = Motion {
+            position: waypoint,
+            velocity: mean,
+            acceleration: Vector2::zeros(),
+        };
+        let through = Self::new(now, span, from, to);
         if t <= T::zero() || through.strain(limits) <= T::one() {
             return through;
         }
-        // Letting go: the acceleration fades to zero over the leg. Between that and the
-        // way-point everything is linear in the end conditions and the limits are convex, so
-        // the shares of the way that keep them are those up to a largest one.
-        let third = T::of(1.0 / 3.0);
-        let half = T::of(0.5);
-        let fade = Motion {
-            position: from.position + (from.velocity + from.acceleration * (t * third)) * t,
-            velocity: from.velocity + from.acceleration * (t * half),
-            acceleration: Vector2::zeros(),
+        Self::chase(now, span, from, waypoint, pace, limits)
+    }
+
+    /// The acceleration moves linearly to a final one, which is held within what the limits
+    /// allow; between letting go (a final acceleration of zero) and what is wanted, the largest
+    /// share that keeps them.
+    fn chase(
+        now: Instant,
+        span: Duration,
+        from: Motion<T>,
+        waypoint: Position<T>,
+        pace: Displacement<T>,
+        limits: &Limits<T>,
+    ) -> Self {
+        let t = T::of(span.as_secs_f64());
+        let (half, third) = (T::of(0.5), T::of(1.0 / 3.0));
+        // Where letting go would lead.
+        let coast_velocity = from.velocity + from.acceleration * (t * half);
+        let coast_position = from.position + (from.velocity + from.acceleration * (t * third)) * t;
+        // Of the way-points' velocity and of what is left to close no more than can be braked
+        // with half of the acceleration.
+        let left = waypoint - coast_position;
+        let brakable = (limits.acceleration_mps2 * left.norm()).sqrt();
+        let correction = shorten(left / t, brakable);
+        let velocity = shorten(pace + correction, limits.speed_mps);
+        let wanted = shorten((velocity - coast_velocity) / t, limits.acceleration_mps2);
+        let change = shorten(wanted - from.acceleration, limits.jerk_mps3 * t);
+        let toward = |share: T| {
+            let acceleration = (from.acceleration + change) * share;
+            let to = Motion {
+                position: from.position
+                    + from.velocity * t
+                    + (from.acceleration * third + acceleration * T::of(1.0 / 6.0)) * (t * t),
+                velocity: from.velocity + (from.acceleration + acceleration) * (t * half),
+                acceleration,
+            };
+            // The limits must hold while that acceleration fades, too.
+            let fading = Self::new(now + span, span, to, to.faded(t));
+            let leg = Self::new(now, span, from, to);
+            (leg, leg.strain(limits).max(fading.strain(limits)))
         };
-        let toward = |velocity: Displacement<T>, share: T| {
-            Self::new(
-                now,
-                span,
-                from,
-                Motion {
-                    position: fade.position + (waypoint - fade.position) * share,
-                    velocity: fade.velocity + (velocity - fade.velocity) * share,
-                    acceleration: Vector2::zeros(),
-                },
-            )
-        };
-        // With the mean velocity at the end, or with the velocity that a constant
-        // acceleration would give, which asks for the least acceleration of all.
-        let gentle = mean * T::of(2.0) - from.velocity;
-        let mut best = toward(mean, T::zero());
-        for velocity in [mean, gentle] {
-            let (mut kept, mut broken) = (T::zero(), T::one());
-            if toward(velocity, T::one()).strain(limits) <= T::one() {
-                kept = T::one();
+        let (all, strain) = toward(T::one());
+        if strain <= T::one() {
+            return all;
+        }
+        // Everything is linear in the share and the limits are convex, so the shares that keep
+        // them are those up to a largest one.
+        let (mut kept, mut broken) = (T::zero(), T::one());
+        for _ in 0..HALVINGS {
+            let middle = (kept + broken) * half;
+            if toward(middle).1 <= T::one() {
+                kept = middle;
             } else {
-                for _ in 0..HALVINGS {
-                    let middle = (kept + broken) * half;
-                    if toward(velocity, middle).strain(limits) <= T::one() {
-                        kept = middle;
-                    } else {
-                        broken = middle;
-                    }
-                }
-            }
-            let candidate = toward(velocity, kept);
-            let missed = |path: &Self| (path.to.position - waypoint).norm();
-            if missed(&candidate) < missed(&best) {
-                best = candidate;
+                broken = middle;
             }
         }
-        best
+        toward(kept).0
     }
 
     /// Straight to `place`, ending at rest, in the least time for which a start from rest
@@ -311,6 +330,8 @@ impl<T: Scalar> Trajectory<T> {
 pub struct Guide<T: Scalar> {
     limits: Limits<T>,
     current: Trajectory<T>,
+    /// The way-point of the last leg and when it was due; the place of rest before the first.
+    last: (Position<T>, Instant),
     /// How long after a trajectory's end its continuation may come before the stop begins.
     grace: Duration,
 }
@@ -321,6 +342,7 @@ impl<T: Scalar> Guide<T> {
         Self {
             limits,
             current: Trajectory::rest(now, place),
+            last: (place, now),
             grace,
         }
     }
@@ -368,7 +390,15 @@ impl<T: Scalar> Guide<T> {
         } else {
             measured
         };
-        self.current = Trajectory::leg(now, end, from, waypoint, &self.limits);
+        let (last, due) = self.last;
+        let between_s = T::of(end.since(due).as_secs_f64());
+        let pace = if between_s > T::zero() {
+            (waypoint - last) / between_s
+        } else {
+            Vector2::zeros()
+        };
+        self.last = (waypoint, end);
+        self.current = Trajectory::leg(now, end, from, waypoint, pace, &self.limits);
     }
 
     /// Starts a transit from where the reference is.
@@ -378,11 +408,22 @@ impl<T: Scalar> Guide<T> {
             ..self.limits
         };
         self.current = Trajectory::transit(now, self.at(now), place, &limits);
+        self.last = (place, self.current.end());
     }
 
     /// Comes to rest.
     pub fn stop(&mut self, now: Instant) {
         self.current = Trajectory::stop(now, self.at(now), &self.limits);
+    }
+}
+
+/// `vector`, no longer than `longest`.
+fn shorten<T: Scalar>(vector: Displacement<T>, longest: T) -> Displacement<T> {
+    let length = vector.norm();
+    if length > longest {
+        vector * (longest / length)
+    } else {
+        vector
     }
 }
 
@@ -407,7 +448,14 @@ mod tests {
     fn an_ideal_leg_ends_exactly_at_its_waypoint() {
         let waypoint = Position::new(31.7_f32, -12.03);
         let from = Motion::at_rest(Position::new(3.0_f32, 4.0));
-        let leg = Trajectory::leg(at(2.0), at(3.0), from, waypoint, &Limits::ideal());
+        let leg = Trajectory::leg(
+            at(2.0),
+            at(3.0),
+            from,
+            waypoint,
+            Vector2::zeros(),
+            &Limits::ideal(),
+        );
         assert_eq!(leg.at(at(3.0)).position, waypoint);
         assert_eq!(leg.at(at(2.0)).position, from.position);
         // Straight on the way.
@@ -471,7 +519,7 @@ mod tests {
                 acceleration: polar(a),
             };
             let waypoint = from.position + polar(d);
-            let leg = Trajectory::leg(at(0.0), at(span), from, waypoint, &LIMITS);
+            let leg = Trajectory::leg(at(0.0), at(span), from, waypoint, Vector2::zeros(), &LIMITS);
             for i in 0..=100 {
                 let motion = leg.at(at(span * f64::from(i) / 100.0));
                 prop_assert!(motion.is_finite());
