@@ -8,7 +8,8 @@
 //! or *under way* in one, and takes [`allocate`](Controller::allocate); anything else is an
 //! error that names the phase. It is over after slot `N`.
 //!
-//! Planning starts where the vehicle **is**, never where it was told to go. Gains that are NaN,
+//! Planning starts where the vehicle **is**, never where it was told to go, and counts on the
+//! speed that it has shown it can hold. Gains that are NaN,
 //! infinite or negative count as 0 (that sensor cannot be heard) and are reported in the command;
 //! where no channel state comes at all,
 //! [`allocate_predicted`](Controller::allocate_predicted) uses the channel model at the measured
@@ -27,7 +28,7 @@ use crate::{
     mission::Mission,
     policy::{Observation, Policy},
     scalar::{Displacement, Position, Scalar},
-    shield::{self, Fairness, Intervention, ReachableSet},
+    shield::{self, Agility, Fairness, Intervention, ReachableSet},
     units::{PowerGain, Watt},
 };
 
@@ -153,6 +154,66 @@ pub enum ControllerError {
     PositionNotFinite,
 }
 
+/// How far the vehicle gets in a slot, as it has shown: `V_max delta` until it is asked for nearly
+/// that, slot after slot, and never delivers it.
+#[derive(Clone, Copy, Debug)]
+struct Pace<T: Scalar> {
+    /// `V_max delta`, metres.
+    reach_m: T,
+    /// What the shield counts on, metres a slot.
+    held_m: T,
+    /// See [`Agility`].
+    gain_m: T,
+    lag_m: T,
+    /// From where to where the last slot was flown.
+    leg: Option<(Position<T>, Position<T>)>,
+    /// How many slots in a row nearly everything was asked for, and the most that came of it.
+    asked: u8,
+    best_m: T,
+}
+
+impl<T: Scalar> Pace<T> {
+    /// Slots in a row that prove a vehicle slower than asked: longer than any gathers speed.
+    const PROOF: u8 = 8;
+
+    fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        let Agility {
+            reach_m,
+            gain_m,
+            lag_m,
+        } = Agility::ideal(mission);
+        Self {
+            reach_m,
+            held_m: reach_m,
+            gain_m,
+            lag_m,
+            leg: None,
+            asked: 0,
+            best_m: T::zero(),
+        }
+    }
+
+    /// The vehicle is at `measured` after the last slot.
+    fn observe(&mut self, measured: &Position<T>) {
+        let Some((from, waypoint)) = self.leg else {
+            return;
+        };
+        let nearly_all = self.reach_m * T::of(0.9);
+        let flown_m = (measured - from).norm().min(self.reach_m);
+        self.held_m = self.held_m.max(flown_m);
+        if (waypoint - from).norm() < nearly_all || flown_m >= nearly_all {
+            self.asked = 0;
+            self.best_m = T::zero();
+            return;
+        }
+        self.asked = self.asked.saturating_add(1);
+        self.best_m = self.best_m.max(flown_m);
+        if self.asked >= Self::PROOF {
+            self.held_m = self.best_m;
+        }
+    }
+}
+
 /// The onboard controller: a mission, a policy, and the state between slots.
 #[derive(Clone, Debug)]
 pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
@@ -165,6 +226,7 @@ pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize =
     rate: T,
     mse: T,
     under_way: Option<Plan<T>>,
+    pace: Pace<T>,
     workspace: Workspace<T, J>,
 }
 
@@ -175,6 +237,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             limits: SlotLimits::of_mission(&mission),
             method: Method::Exact,
             fairness: Fairness::new(&mission),
+            pace: Pace::new(&mission),
             mission,
             policy,
             slots_done: 0,
@@ -193,6 +256,19 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// How slots are allocated.
     pub fn method(&self) -> &Method<T> {
         &self.method
+    }
+
+    /// For a vehicle with inertia: `acceleration_mps2` is what it can be relied on to keep up in
+    /// any direction. The shield then keeps room to brake and to turn back. Without this, the
+    /// paper's kinematics.
+    pub fn with_acceleration(mut self, acceleration_mps2: T) -> Self {
+        let slot_s = self.mission.parameters().slot_duration_s;
+        self.pace.gain_m = acceleration_mps2 * slot_s * slot_s;
+        if self.pace.gain_m.finite() {
+            // A slot passes before a change of mind shows.
+            self.pace.lag_m = self.pace.reach_m;
+        }
+        self
     }
 
     /// The mission being flown.
@@ -252,7 +328,13 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             position: measured,
         });
         let mut intervention = Intervention::default();
-        let reachable = ReachableSet::of_slot(&self.mission, slot, measured);
+        self.pace.observe(&measured);
+        let agility = Agility {
+            reach_m: self.pace.held_m,
+            gain_m: self.pace.gain_m,
+            lag_m: self.pace.lag_m,
+        };
+        let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
             && shield::scores_are_sound(&action.user_scores, self.mission.user_count());
         let (waypoint, chosen) = if sound {
@@ -277,6 +359,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             served_user,
             intervention,
         };
+        self.pace.leg = Some((measured, waypoint));
         self.under_way = Some(plan);
         Ok(plan)
     }

@@ -32,6 +32,9 @@ use crate::{
     time::{Duration, Instant},
 };
 
+/// The share of the guidance's acceleration that the shield relies on for braking and turning.
+const RELIABLE_SHARE: f64 = 0.5;
+
 /// What the slot cycle is told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
@@ -134,6 +137,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         autopilot: Autopilot<T>,
     ) -> Self {
         let slot_duration_s = controller.mission().parameters().slot_duration_s;
+        // Part of the acceleration goes into jerk and into following the reference.
+        let acceleration_mps2 = autopilot.settings().limits.acceleration_mps2;
+        let controller = controller.with_acceleration(acceleration_mps2 * T::of(RELIABLE_SHARE));
         Self {
             settings,
             slot_duration: Duration::from_secs_f64(slot_duration_s.to_f64()),

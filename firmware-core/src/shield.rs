@@ -57,11 +57,66 @@ struct Disc<T: Scalar> {
 /// `F_n`: where the vehicle may be at the end of the slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReachableSet<T: Scalar> {
-    area: Area<T>,
+    area: Rectangle<T>,
     /// From here, in one slot (eq:traj1).
     step: Disc<T>,
     /// To the destination, in the slots that remain (eq:traj2).
     home: Disc<T>,
+    /// [`rounding_m`] of the whole area.
+    rounding_m: T,
+}
+
+/// An axis-aligned rectangle on the map, its border included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rectangle<T: Scalar> {
+    south_west: Position<T>,
+    north_east: Position<T>,
+}
+
+impl<T: Scalar> Rectangle<T> {
+    fn contains(&self, place: &Position<T>) -> bool {
+        self.clamp(place) == *place
+    }
+
+    fn clamp(&self, place: &Position<T>) -> Position<T> {
+        Position::new(
+            place.x.max(self.south_west.x).min(self.north_east.x),
+            place.y.max(self.south_west.y).min(self.north_east.y),
+        )
+    }
+}
+
+/// What the vehicle can do, where that is less than the mission's parameters say.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Agility<T> {
+    /// How far it gets in a slot at the speed that it has shown it can hold, metres.
+    pub reach_m: T,
+    /// What it can gain on its present velocity in a slot, metres a slot: acceleration times
+    /// `delta^2`. Infinite for the paper's kinematics.
+    pub gain_m: T,
+    /// What it falls behind while it turns its mind to a new direction, metres.
+    pub lag_m: T,
+}
+
+impl<T: Scalar> Agility<T> {
+    /// The paper's kinematics: `V_max` in any direction at once.
+    pub fn ideal<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        Self {
+            reach_m: mission.reach_m(),
+            gain_m: T::of(f64::INFINITY),
+            lag_m: T::zero(),
+        }
+    }
+
+    /// The largest step `s` from which a vehicle that makes it can still come to rest within
+    /// `room_m`: `s + s^2 / (2 gain) = room`, in a form that holds for an infinite gain too.
+    fn stoppable_m(&self, room_m: T) -> T {
+        if room_m <= T::zero() {
+            return room_m;
+        }
+        let two = T::of(2.0);
+        two * room_m / (T::one() + (T::one() + two * room_m / self.gain_m).sqrt())
+    }
 }
 
 impl<T: Scalar> ReachableSet<T> {
@@ -75,7 +130,10 @@ impl<T: Scalar> ReachableSet<T> {
         home_m: T,
     ) -> Self {
         Self {
-            area,
+            area: Rectangle {
+                south_west: Position::origin(),
+                north_east: Position::new(area.east_m, area.north_m),
+            },
             step: Disc {
                 center: from,
                 radius_m: step_m,
@@ -84,6 +142,7 @@ impl<T: Scalar> ReachableSet<T> {
                 center: destination,
                 radius_m: home_m,
             },
+            rounding_m: rounding_m(&area, step_m),
         }
     }
 
@@ -104,14 +163,43 @@ impl<T: Scalar> ReachableSet<T> {
         )
     }
 
-    /// [`rounding_m`] of this set.
-    fn rounding_m(&self) -> T {
-        rounding_m(&self.area, self.step.radius_m)
+    /// `F_n` for a vehicle with inertia: as [`of_slot`](Self::of_slot), but from every waypoint
+    /// it can brake before the border of the area, and turn back to the destination in time.
+    ///
+    /// Towards a border, a step `s` leaves as much room as stopping from it takes:
+    /// `s + s^2 / (2 gain) <= room`. Towards the destination the same holds of what a step falls
+    /// short of full speed there: with `r_0` now and `s` short of closing in at full `reach`, the
+    /// distance that remains is `r_0 - reach + s`, and regaining that speed costs
+    /// `s^2 / (2 gain)` more, and the lag once.
+    pub fn of_slot_with<const M: usize, const J: usize>(
+        mission: &Mission<T, M, J>,
+        slot: u32,
+        from: Position<T>,
+        agility: &Agility<T>,
+    ) -> Self {
+        let mut set = Self::of_slot(mission, slot, from);
+        let Rectangle {
+            south_west,
+            north_east,
+        } = &mut set.area;
+        for axis in 0..2 {
+            let (low, high) = (south_west[axis], north_east[axis]);
+            let here = from[axis];
+            // Outside already: back to the border and no further out.
+            let inside = here.max(low).min(high);
+            south_west[axis] = inside - agility.stoppable_m(inside - low);
+            north_east[axis] = inside + agility.stoppable_m(high - inside);
+        }
+        let away_m = (from - set.home.center).norm();
+        let slots_left = T::count((mission.slots().saturating_sub(slot) + 2) as usize);
+        let spare_m = slots_left * agility.reach_m - agility.lag_m - away_m;
+        set.home.radius_m = away_m - agility.reach_m + agility.stoppable_m(spare_m);
+        set
     }
 
     /// Whether a place is in the set, up to half of [`rounding_m`].
     pub fn contains(&self, place: &Position<T>) -> bool {
-        let slack = self.rounding_m() / T::of(2.0);
+        let slack = self.rounding_m / T::of(2.0);
         let inside = |disc: &Disc<T>| (place - disc.center).norm() <= disc.radius_m + slack;
         self.area.contains(place) && inside(&self.step) && inside(&self.home)
     }
@@ -121,7 +209,7 @@ impl<T: Scalar> ReachableSet<T> {
         let mut best: Option<(T, Position<T>)> = None;
         self.each_candidate(wish, |candidate| {
             // Corners are computed; the border of the area is kept exactly.
-            let candidate = self.clamp_to_area(&candidate);
+            let candidate = self.area.clamp(&candidate);
             let distance = (candidate - wish).norm_squared();
             if self.contains(&candidate) && best.is_none_or(|(least, _)| distance < least) {
                 best = Some((distance, candidate));
@@ -130,34 +218,30 @@ impl<T: Scalar> ReachableSet<T> {
         best.map(|(_, place)| place)
     }
 
-    fn clamp_to_area(&self, place: &Position<T>) -> Position<T> {
-        Position::new(
-            place.x.max(T::zero()).min(self.area.east_m),
-            place.y.max(T::zero()).min(self.area.north_m),
-        )
-    }
-
     /// Every point that can be nearest to `wish`: itself, its projection on each border, and
     /// the corners where two borders meet.
     fn each_candidate(&self, wish: &Position<T>, mut visit: impl FnMut(Position<T>)) {
-        let (east, north) = (self.area.east_m, self.area.north_m);
-        let zero = T::zero();
+        let Rectangle {
+            south_west,
+            north_east,
+        } = self.area;
+        let (lines_x, lines_y) = ([south_west.x, north_east.x], [south_west.y, north_east.y]);
         visit(*wish);
-        visit(self.clamp_to_area(wish));
+        visit(self.area.clamp(wish));
         for disc in [&self.step, &self.home] {
             visit(disc.border_towards(wish));
             // Degenerate sets (a disc of radius 0, discs that touch) have their centres.
             visit(disc.center);
-            for x in [zero, east] {
+            for x in lines_x {
                 disc.meet_line(0, x, &mut visit);
             }
-            for y in [zero, north] {
+            for y in lines_y {
                 disc.meet_line(1, y, &mut visit);
             }
         }
         self.step.meet_disc(&self.home, &mut visit);
-        for x in [zero, east] {
-            for y in [zero, north] {
+        for x in lines_x {
+            for y in lines_y {
                 visit(Position::new(x, y));
             }
         }
@@ -242,7 +326,8 @@ pub fn admissible_waypoint<T: Scalar>(
 ) -> Position<T> {
     let from = set.step.center;
     // A huge wish is shortened first, so that squares below stay finite.
-    let far = (set.area.east_m + set.area.north_m + set.step.radius_m) * T::of(4.0);
+    let extent = set.area.north_east.x.abs() + set.area.north_east.y.abs();
+    let far = (extent + set.step.radius_m) * T::of(4.0);
     let longest = displacement.x.abs().max(displacement.y.abs());
     let wish = if longest > far {
         from + displacement * (far / longest)
@@ -252,7 +337,7 @@ pub fn admissible_waypoint<T: Scalar>(
     match set.nearest(&wish) {
         Some(waypoint) => {
             // Rounding alone is not an intervention.
-            let moved = (waypoint - wish).norm() > set.rounding_m();
+            let moved = (waypoint - wish).norm() > set.rounding_m;
             changed.displacement |= moved;
             waypoint
         }
@@ -261,7 +346,7 @@ pub fn admissible_waypoint<T: Scalar>(
             let towards = home.center - from;
             let distance = towards.norm();
             let gap = distance - reach_m - home.radius_m;
-            changed.out_of_reach = gap > set.rounding_m() || !set.area.contains(&from);
+            changed.out_of_reach = gap > set.rounding_m || !set.area.contains(&from);
             let waypoint = if !changed.out_of_reach {
                 // On a mission without a metre to spare the discs only touch, and rounding
                 // parts them. Landing on the border itself keeps it from adding up.
@@ -271,7 +356,7 @@ pub fn admissible_waypoint<T: Scalar>(
             } else {
                 from + towards * (reach_m / distance)
             };
-            set.clamp_to_area(&waypoint)
+            set.area.clamp(&waypoint)
         }
     }
 }

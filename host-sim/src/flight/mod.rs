@@ -149,8 +149,13 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
 /// The client's settings for a mission.
 pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::Settings<f64> {
     let p = scenario.mission.parameters();
+    let mut limits = profile.client_limits();
+    if profile != Profile::Ideal {
+        // The mission's own speed limit (eq:traj1) holds between way-points, too.
+        limits.speed_mps = limits.speed_mps.min(p.max_speed_mps);
+    }
     autopilot::Settings {
-        limits: profile.client_limits(),
+        limits,
         ..autopilot::Settings::new(map_origin(scenario), p.start, p.altitude_m, p.max_speed_mps)
     }
 }
