@@ -178,6 +178,9 @@ impl<T: Scalar> ReachableSet<T> {
         agility: &Agility<T>,
     ) -> Self {
         let mut set = Self::of_slot(mission, slot, from);
+        if !agility.gain_m.finite() {
+            return set;
+        }
         let Rectangle {
             south_west,
             north_east,
@@ -187,8 +190,8 @@ impl<T: Scalar> ReachableSet<T> {
             let here = from[axis];
             // Outside already: back to the border and no further out.
             let inside = here.max(low).min(high);
-            south_west[axis] = inside - agility.stoppable_m(inside - low);
-            north_east[axis] = inside + agility.stoppable_m(high - inside);
+            south_west[axis] = (inside - agility.stoppable_m(inside - low)).max(low);
+            north_east[axis] = (inside + agility.stoppable_m(high - inside)).min(high);
         }
         let away_m = (from - set.home.center).norm();
         let slots_left = T::count((mission.slots().saturating_sub(slot) + 2) as usize);
