@@ -1,10 +1,16 @@
 //! The policies that a person can name on a command line.
 
-use std::{fmt, path::PathBuf, str::FromStr};
+use std::{
+    fmt, fs,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
+#[cfg(feature = "onnx")]
+use firmware_core::policy::onnx::OnnxPolicy;
 use firmware_core::{
     USERS_MAX,
-    policy::{Action, FixedPosition, Observation, Policy, StraightLine},
+    policy::{Action, FixedPosition, Observation, Policy, Provenance, StraightLine, mlp::Mlp},
 };
 
 use crate::scenario::Scenario;
@@ -62,6 +68,11 @@ pub enum HostPolicy {
     StraightLine(StraightLine<f64, USERS_MAX>),
     /// Hover over one place, nearest user.
     Fixed(FixedPosition<f64, USERS_MAX>),
+    /// A `.policy` file, run as the microcontroller runs it.
+    Mlp(Box<Mlp<Vec<u8>>>),
+    /// An `.onnx` file, run by tract.
+    #[cfg(feature = "onnx")]
+    Onnx(Box<OnnxPolicy>),
 }
 
 impl HostPolicy {
@@ -74,7 +85,52 @@ impl HostPolicy {
         match choice {
             PolicyChoice::StraightLine => Ok(Self::StraightLine(StraightLine::new(mission))),
             PolicyChoice::Fixed => Ok(Self::Fixed(FixedPosition::central(mission))),
-            PolicyChoice::File(path) => Err(format!("{}: not a policy", path.display())),
+            PolicyChoice::File(path) => {
+                let named = |error: String| format!("{}: {error}", path.display());
+                let policy = Self::read(path).map_err(named)?;
+                if let Some(provenance) = policy.provenance() {
+                    let fits = provenance.check(mission);
+                    fits.map_err(|misfit| named(misfit.to_string()))?;
+                }
+                Ok(policy)
+            }
+        }
+    }
+
+    fn read(path: &Path) -> Result<Self, String> {
+        let file = fs::read(path).map_err(|error| error.to_string())?;
+        if path
+            .extension()
+            .is_some_and(|extension| extension == "onnx")
+        {
+            return Self::read_onnx(&file);
+        }
+        let policy = Mlp::load(file).map_err(|error| error.to_string())?;
+        Ok(Self::Mlp(Box::new(policy)))
+    }
+
+    #[cfg(feature = "onnx")]
+    fn read_onnx(file: &[u8]) -> Result<Self, String> {
+        let policy = OnnxPolicy::load(file).map_err(|error| error.to_string())?;
+        Ok(Self::Onnx(Box::new(policy)))
+    }
+
+    #[cfg(not(feature = "onnx"))]
+    fn read_onnx(_: &[u8]) -> Result<Self, String> {
+        Err(
+            "this build cannot run .onnx files (feature onnx): `trainer convert F.onnx F.policy` \
+             makes a file that it can"
+                .into(),
+        )
+    }
+
+    /// What a trained policy was trained for.
+    fn provenance(&self) -> Option<&Provenance> {
+        match self {
+            Self::StraightLine(_) | Self::Fixed(_) => None,
+            Self::Mlp(policy) => Some(policy.provenance()),
+            #[cfg(feature = "onnx")]
+            Self::Onnx(policy) => Some(policy.provenance()),
         }
     }
 }
@@ -84,6 +140,39 @@ impl Policy<f64, USERS_MAX> for HostPolicy {
         match self {
             Self::StraightLine(policy) => policy.decide(observation),
             Self::Fixed(policy) => policy.decide(observation),
+            Self::Mlp(policy) => policy.decide(observation),
+            #[cfg(feature = "onnx")]
+            Self::Onnx(policy) => policy.decide(observation),
         }
+    }
+}
+
+#[cfg(all(test, feature = "onnx"))]
+mod tests {
+    use super::*;
+
+    fn shipped(name: &str) -> PolicyChoice {
+        let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
+        PolicyChoice::File(models.join(name))
+    }
+
+    #[test]
+    fn shipped_policies_load_for_their_scenarios_and_for_no_slower_vehicle() {
+        for name in ["separated", "mixed"] {
+            let scenario = Scenario::shipped(name).expect("shipped");
+            for algorithm in ["sac", "ddpg"] {
+                let choice = shipped(&format!("{name}-{algorithm}.onnx"));
+                let policy = HostPolicy::load(&choice, &scenario).expect("sound");
+                let provenance = policy.provenance().expect("trained");
+                assert_eq!(provenance.scenario, name);
+                assert_eq!(provenance.scenario_digest, scenario.digest().as_str());
+            }
+        }
+        let text = Scenario::shipped("separated").expect("shipped").to_toml();
+        let slow = text.replace("max_speed_mps = 30.0", "max_speed_mps = 25.0");
+        let slow = Scenario::parse("slow", &slow).expect("valid");
+        let error = HostPolicy::load(&shipped("separated-sac.onnx"), &slow).expect_err("misfit");
+        let expected = "the policy is for max_speed_mps = 30, but the mission has 25";
+        assert!(error.ends_with(expected), "{error}");
     }
 }
