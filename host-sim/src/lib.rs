@@ -8,10 +8,13 @@
 //! | [`world`], [`nomographic`] | true channels, the signals themselves, what sensors measure |
 //! | [`vehicle`] | the built-in vehicle: a MAVLink endpoint around a simulated body |
 //! | [`flight`] | one mission, world to vehicle and back, in one loop |
+//! | [`bound`] | the most that any mission can carry, certified |
+//! | [`search`] | a mission that comes close to it |
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`] | what a flight leaves behind |
 
 pub mod allocation;
+pub mod bound;
 pub mod conic;
 pub mod doctor;
 pub mod flight;
@@ -22,6 +25,7 @@ pub mod policy;
 pub mod record;
 pub mod report;
 pub mod scenario;
+pub mod search;
 pub mod solve;
 pub mod upload;
 pub mod vehicle;

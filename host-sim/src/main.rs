@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use command::{run, scenario, solve, vehicle};
+use command::{bound, run, scenario, solve, vehicle};
 
 /// A UAV that serves users and averages sensors over the air: flies missions, end to end.
 #[derive(Debug, Parser)]
@@ -29,6 +29,8 @@ enum Command {
     Vehicle(vehicle::VehicleArguments),
     /// Solve slot problems given as JSON lines
     Solve(solve::SolveArguments),
+    /// Certify the most that any mission can carry, and find a mission close to it
+    Bound(bound::BoundArguments),
     /// Make, check or draw a scenario
     #[command(subcommand)]
     Scenario(scenario::Command),
@@ -41,6 +43,7 @@ fn main() -> ExitCode {
         Command::Run(arguments) => run::execute(&arguments),
         Command::Vehicle(arguments) => vehicle::execute(&arguments),
         Command::Solve(arguments) => solve::execute(&arguments),
+        Command::Bound(arguments) => bound::execute(&arguments),
         Command::Scenario(command) => scenario::execute(command),
     };
     match outcome {

@@ -13,7 +13,7 @@ use firmware_core::{
     policy::{Action, FixedPosition, Observation, Policy, Provenance, StraightLine, mlp::Mlp},
 };
 
-use crate::scenario::Scenario;
+use crate::{bound, scenario::Scenario, search::SearchPolicy};
 
 /// Who decides, as named.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +22,8 @@ pub enum PolicyChoice {
     StraightLine,
     /// Hover over the middle of all nodes, nearest user.
     Fixed,
+    /// The near-optimal mission that `host-sim bound` finds, decided before take-off.
+    Search,
     /// A trained policy.
     File(PathBuf),
 }
@@ -33,12 +35,13 @@ impl FromStr for PolicyChoice {
         match text {
             "straight-line" => Ok(Self::StraightLine),
             "fixed" => Ok(Self::Fixed),
+            "search" => Ok(Self::Search),
             _ => {
                 let path = PathBuf::from(text);
                 match path.extension().and_then(|extension| extension.to_str()) {
                     Some("onnx" | "policy") => Ok(Self::File(path)),
                     _ => Err(
-                        "must be straight-line, fixed, or a file that ends in .onnx or .policy"
+                        "must be straight-line, fixed, search, or a file that ends in .onnx or .policy"
                             .into(),
                     ),
                 }
@@ -52,6 +55,7 @@ impl fmt::Display for PolicyChoice {
         match self {
             Self::StraightLine => f.write_str("straight-line"),
             Self::Fixed => f.write_str("fixed"),
+            Self::Search => f.write_str("search"),
             // Where a file lies is no part of what it decides.
             Self::File(path) => match path.file_name() {
                 Some(name) => name.to_string_lossy().fmt(f),
@@ -68,6 +72,8 @@ pub enum HostPolicy {
     StraightLine(StraightLine<f64, USERS_MAX>),
     /// Hover over one place, nearest user.
     Fixed(FixedPosition<f64, USERS_MAX>),
+    /// A mission decided in advance.
+    Search(SearchPolicy),
     /// A `.policy` file, run as the microcontroller runs it.
     Mlp(Box<Mlp<Vec<u8>>>),
     /// An `.onnx` file, run by tract.
@@ -85,6 +91,9 @@ impl HostPolicy {
         match choice {
             PolicyChoice::StraightLine => Ok(Self::StraightLine(StraightLine::new(mission))),
             PolicyChoice::Fixed => Ok(Self::Fixed(FixedPosition::central(mission))),
+            PolicyChoice::Search => bound::search(mission)
+                .map(|plan| Self::Search(SearchPolicy::new(plan)))
+                .map_err(|error| error.to_string()),
             PolicyChoice::File(path) => {
                 let named = |error: String| format!("{}: {error}", path.display());
                 let policy = Self::read(path).map_err(named)?;
@@ -127,7 +136,7 @@ impl HostPolicy {
     /// What a trained policy was trained for.
     fn provenance(&self) -> Option<&Provenance> {
         match self {
-            Self::StraightLine(_) | Self::Fixed(_) => None,
+            Self::StraightLine(_) | Self::Fixed(_) | Self::Search(_) => None,
             Self::Mlp(policy) => Some(policy.provenance()),
             #[cfg(feature = "onnx")]
             Self::Onnx(policy) => Some(policy.provenance()),
@@ -140,6 +149,7 @@ impl Policy<f64, USERS_MAX> for HostPolicy {
         match self {
             Self::StraightLine(policy) => policy.decide(observation),
             Self::Fixed(policy) => policy.decide(observation),
+            Self::Search(policy) => policy.decide(observation),
             Self::Mlp(policy) => policy.decide(observation),
             #[cfg(feature = "onnx")]
             Self::Onnx(policy) => policy.decide(observation),

@@ -1,5 +1,6 @@
 //! The command line, a module per subcommand: reads arguments, calls the library, prints.
 
+pub(crate) mod bound;
 pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod solve;

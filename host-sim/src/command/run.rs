@@ -33,7 +33,7 @@ pub(crate) struct RunArguments {
     /// The mission: a TOML file, or the name of a shipped scenario (separated, mixed)
     #[arg(long, default_value = "separated", value_name = "FILE")]
     scenario: PathBuf,
-    /// Who decides: straight-line, fixed, or a file
+    /// Who decides: straight-line, fixed, search (the mission of `host-sim bound`), or a file
     #[arg(long, default_value = "straight-line")]
     policy: PolicyChoice,
     /// How the powers of a slot are chosen: exact, alternating (the paper's Alg. 1), or its

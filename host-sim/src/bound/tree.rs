@@ -1,0 +1,114 @@
+//! Branch and bound: the missions are parted into leaves, each with its own prices and cells.
+//!
+//! Where best paths at the best prices disagree about where the vehicle is in some slot, prices
+//! alone cannot tell them apart: the bound is that of a mixture of missions. Parting the leaf
+//! there makes the mixture inadmissible in both parts. Parting tightens the bound and, above
+//! all, leads the search to missions that single prices do not find.
+
+use firmware_core::{Mission, Position};
+
+use super::{level::Level, multipliers::Descent, rates::RateBound};
+
+/// Some of the missions, and what is known about them.
+#[derive(Clone, Debug)]
+pub(crate) struct Leaf {
+    pub(crate) level: Level,
+    pub(crate) multipliers: Vec<f64>,
+    /// No mission of the leaf is worth more, bit/s/Hz.
+    pub(crate) value: f64,
+    /// Best paths at prices near the best, the nearest first.
+    pub(crate) paths: Vec<Vec<Position<f64>>>,
+    /// Whether the paths were found to agree: there is nothing to part.
+    pub(crate) agreed: bool,
+}
+
+/// Paths that are remembered per leaf.
+const PATHS_KEPT: usize = 16;
+
+/// A line across the map, for one slot.
+#[derive(Clone, Copy, Debug)]
+struct Parting {
+    slot: usize,
+    normal: nalgebra::Vector2<f64>,
+    offset_m: f64,
+}
+
+impl Leaf {
+    /// Finds prices for a level's missions, starting from `multipliers`, and drops the cells
+    /// from which `lower` cannot be reached.
+    pub(crate) fn solve(
+        mut level: Level,
+        mut multipliers: Vec<f64>,
+        descent: &Descent,
+        lower: f64,
+    ) -> Self {
+        let mut seen: Vec<(f64, Vec<Position<f64>>)> = Vec::new();
+        if descent.iterations > 0 {
+            descent.run(&mut multipliers, |multipliers| {
+                let (point, path) = level.dual(multipliers);
+                seen.push((point.value, path));
+                point
+            });
+        }
+        seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+        seen.truncate(PATHS_KEPT);
+        let value = level.prune(&multipliers, lower);
+        Self {
+            level,
+            multipliers,
+            value,
+            paths: seen.into_iter().map(|(_, path)| path).collect(),
+            agreed: false,
+        }
+    }
+
+    /// The leaf's missions in two parts, where its paths disagree most; `None` where they agree
+    /// to within a cell.
+    pub(crate) fn parted(&self) -> Option<[Level; 2]> {
+        let parting = self.widest_disagreement()?;
+        Some(self.level.parted(parting.slot, |place| {
+            parting.normal.dot(&place.coords) - parting.offset_m
+        }))
+    }
+
+    fn widest_disagreement(&self) -> Option<Parting> {
+        let diagonal = std::f64::consts::FRAC_1_SQRT_2;
+        let normals = [
+            (1.0, 0.0),
+            (0.0, 1.0),
+            (diagonal, diagonal),
+            (diagonal, -diagonal),
+        ];
+        let count = self.paths.len() as f64;
+        let mut widest = (self.level.grid.side_m.powi(2), None);
+        for slot in 0..self.level.tube.layers.len() {
+            for (x, y) in normals {
+                let normal = nalgebra::Vector2::new(x, y);
+                let places = self.paths.iter().filter_map(|path| path.get(slot));
+                let offsets: Vec<f64> = places.map(|place| normal.dot(&place.coords)).collect();
+                let mean = offsets.iter().sum::<f64>() / count;
+                let variance = offsets.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count;
+                if variance > widest.0 {
+                    widest = (
+                        variance,
+                        Some(Parting {
+                            slot,
+                            normal,
+                            offset_m: mean,
+                        }),
+                    );
+                }
+            }
+        }
+        widest.1
+    }
+
+    /// The leaf's missions over cells of half the side.
+    pub(crate) fn split<const M: usize, const J: usize>(
+        &self,
+        mission: &Mission<f64, M, J>,
+        bound: &RateBound<'_, M, J>,
+    ) -> Level {
+        self.level.split(mission, bound)
+    }
+}

@@ -1,0 +1,119 @@
+//! `host-sim bound`.
+
+use std::{io::Write, path::PathBuf};
+
+use clap::Args;
+use host_sim::bound::{Bound, Settings, certify};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::{Failure, load_scenario};
+
+/// Bound a mission.
+#[derive(Debug, Args)]
+pub(crate) struct BoundArguments {
+    /// The file, or the name of a shipped scenario: separated, mixed
+    #[arg(long, default_value = "separated")]
+    scenario: PathBuf,
+    /// Another MSE threshold (Gamma) than the scenario's
+    #[arg(long)]
+    mse_threshold: Option<f64>,
+    /// Another noise power than the scenario's, dBm
+    #[arg(long, allow_negative_numbers = true)]
+    noise_dbm: Option<f64>,
+    /// Another number of slots (N) than the scenario's
+    #[arg(long)]
+    slots: Option<u32>,
+    /// Stop when (upper - lower) / upper is at most this
+    #[arg(long, default_value_t = Settings::default().gap)]
+    gap: f64,
+    /// Print the certificate, with its mission, as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    scenario: &'a str,
+    mse_threshold: f64,
+    #[serde(flatten)]
+    bound: &'a Bound,
+}
+
+/// Does it.
+pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
+    if !(arguments.gap >= 0.0 && arguments.gap < 1.0) {
+        return Err(Failure::bad_input(format!(
+            "--gap is {}, but must be at least 0 and below 1",
+            arguments.gap
+        )));
+    }
+    let mut scenario = load_scenario(&arguments.scenario)?;
+    if let Some(mse_threshold) = arguments.mse_threshold {
+        let changed = scenario.with_mse_threshold(mse_threshold);
+        scenario = changed.map_err(Failure::bad_input)?;
+    }
+    if let Some(noise_dbm) = arguments.noise_dbm {
+        scenario = scenario
+            .with_noise_dbm(noise_dbm)
+            .map_err(Failure::bad_input)?;
+    }
+    if let Some(slots) = arguments.slots {
+        scenario = scenario.with_slots(slots).map_err(Failure::bad_input)?;
+    }
+    let settings = Settings {
+        gap: arguments.gap,
+        ..Settings::default()
+    };
+    let bar = ProgressBar::new_spinner().with_style(style());
+    let bound = certify(&scenario.mission, &settings, |progress| {
+        bar.set_message(format!(
+            "upper {:.3}, lower {:.3}, {} parts, cells of {:.2} m",
+            progress.upper, progress.lower, progress.leaves, progress.cell_m
+        ));
+        bar.tick();
+    })
+    .map_err(Failure::bad_input)?;
+    bar.finish_and_clear();
+    let mut out = std::io::stdout().lock();
+    let mse_threshold = scenario.mission.parameters().mse_threshold;
+    if arguments.json {
+        let report = Report {
+            scenario: &scenario.name,
+            mse_threshold,
+            bound: &bound,
+        };
+        serde_json::to_writer(&mut out, &report).map_err(Failure::failed)?;
+        writeln!(out)?;
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "scenario  {} (MSE threshold {mse_threshold})",
+        scenario.name
+    )?;
+    writeln!(
+        out,
+        "upper     {:.4} bit/s/Hz: no mission has more",
+        bound.upper
+    )?;
+    writeln!(
+        out,
+        "lower     {:.4} bit/s/Hz: host-sim run --policy search flies it",
+        bound.lower
+    )?;
+    writeln!(out, "gap       {:.3} %", 100.0 * bound.gap)?;
+    writeln!(
+        out,
+        "cells     down to {:.3} m, in {} parts",
+        bound.cell_m, bound.leaves
+    )?;
+    writeln!(out, "time      {:.1} s", bound.seconds)?;
+    Ok(())
+}
+
+fn style() -> ProgressStyle {
+    ProgressStyle::with_template("{spinner} {elapsed} {msg}")
+        .unwrap_or_else(|_| ProgressStyle::default_spinner())
+}

@@ -1,0 +1,191 @@
+//! Changing the order in which users are served, with the path following at once.
+//!
+//! Improving path and assignment in turn stops where each is best for the other. Here both move
+//! together: two slots swap their users, or one slot's user is moved to another time and those
+//! in between shift; the best chain of places for the new order, within a stencil around each
+//! waypoint, tells what the change is worth.
+
+use firmware_core::Position;
+use rayon::prelude::*;
+
+/// A change of the order of service.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Change {
+    /// Two slots swap their users.
+    Swap(usize, usize),
+    /// The first slot's user is served in the second slot, those in between one slot earlier.
+    Later(usize, usize),
+    /// The second slot's user is served in the first slot, those in between one slot later.
+    Earlier(usize, usize),
+}
+
+impl Change {
+    fn apply(self, users: &mut [usize]) {
+        match self {
+            Self::Swap(a, b) => users.swap(a, b),
+            Self::Later(a, b) => users[a..=b].rotate_left(1),
+            Self::Earlier(a, b) => users[a..=b].rotate_right(1),
+        }
+    }
+
+    fn range(self) -> (usize, usize) {
+        let (Self::Swap(a, b) | Self::Later(a, b) | Self::Earlier(a, b)) = self;
+        (a, b)
+    }
+}
+
+/// The candidate places of every slot, what each user gets there, and which places a slot's
+/// flight joins.
+#[derive(Clone, Debug)]
+pub(crate) struct Stencils {
+    pub(crate) places: Vec<Vec<Position<f64>>>,
+    /// Per slot, per user, per place.
+    pub(crate) rates: Vec<Vec<Vec<f64>>>,
+    /// Per slot, per place: the places of the slot before (for the first: whether the start
+    /// joins it) as bits.
+    pub(crate) joined: Vec<Vec<u128>>,
+    /// Places of the last slot from which the destination is one more slot away.
+    pub(crate) home: Vec<bool>,
+}
+
+const NOWHERE: f64 = f64::NEG_INFINITY;
+
+impl Stencils {
+    /// Totals after a slot from those before it.
+    fn onward(&self, slot: usize, user: usize, before: &[f64], after: &mut Vec<f64>) {
+        let rates = &self.rates[slot][user];
+        after.clear();
+        after.extend(self.joined[slot].iter().zip(rates).map(|(&joined, rate)| {
+            let mut best = NOWHERE;
+            for (index, &total) in before.iter().enumerate() {
+                let total = if joined >> index & 1 == 1 {
+                    total
+                } else {
+                    NOWHERE
+                };
+                best = if total > best { total } else { best };
+            }
+            best + rate
+        }));
+    }
+
+    /// The value of every place of every slot for this order of users: earned up to it, and
+    /// still to be earned after it.
+    fn tables(&self, users: &[usize]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+        let slots = users.len();
+        let mut earned: Vec<Vec<f64>> = Vec::with_capacity(slots);
+        for (slot, &user) in users.iter().enumerate() {
+            let mut after = Vec::new();
+            let before = earned.last().map_or(&[0.0][..], Vec::as_slice);
+            self.onward(slot, user, before, &mut after);
+            earned.push(after);
+        }
+        let last = self
+            .home
+            .iter()
+            .map(|&home| if home { 0.0 } else { NOWHERE });
+        let mut ahead = vec![last.collect::<Vec<f64>>()];
+        for slot in (1..slots).rev() {
+            let next = &ahead[ahead.len() - 1];
+            let mut here = vec![NOWHERE; self.places[slot - 1].len()];
+            for (place, &joined) in self.joined[slot].iter().enumerate() {
+                let total = next[place] + self.rates[slot][users[slot]][place];
+                for (index, here) in here.iter_mut().enumerate() {
+                    if joined >> index & 1 == 1 && total > *here {
+                        *here = total;
+                    }
+                }
+            }
+            ahead.push(here);
+        }
+        ahead.reverse();
+        (earned, ahead)
+    }
+
+    /// The best chain of places for an order of users, with its value.
+    pub(crate) fn best_chain(&self, users: &[usize]) -> (f64, Vec<Position<f64>>) {
+        let (earned, ahead) = self.tables(users);
+        let slots = users.len();
+        let mut path = Vec::with_capacity(slots);
+        let first_best = |values: &mut dyn Iterator<Item = (usize, f64)>| {
+            values.fold((0, NOWHERE), |best, (index, value)| {
+                if value > best.1 { (index, value) } else { best }
+            })
+        };
+        let mut through = (0..earned[slots - 1].len())
+            .map(|index| (index, earned[slots - 1][index] + ahead[slots - 1][index]));
+        let (mut index, value) = first_best(&mut through);
+        for slot in (0..slots).rev() {
+            path.push(self.places[slot][index]);
+            if slot > 0 {
+                let joined = self.joined[slot][index];
+                let mut before = earned[slot - 1]
+                    .iter()
+                    .copied()
+                    .enumerate()
+                    .filter(|(index, _)| joined >> index & 1 == 1);
+                index = first_best(&mut before).0;
+            }
+        }
+        path.reverse();
+        (value, path)
+    }
+
+    /// The order of users, one change away, whose best chain is worth most; `None` if none is
+    /// worth more than `least`. Changes span at most `span` slots.
+    pub(crate) fn best_change(
+        &self,
+        users: &[usize],
+        span: usize,
+        least: f64,
+    ) -> Option<Vec<usize>> {
+        let (earned, ahead) = self.tables(users);
+        let mut changes = Vec::new();
+        for a in 0..users.len() {
+            for b in a + 1..users.len().min(a + span + 1) {
+                if users[a] != users[b] {
+                    changes.push(Change::Swap(a, b));
+                }
+                if b > a + 1 {
+                    if users[a] != users[a + 1] {
+                        changes.push(Change::Later(a, b));
+                    }
+                    if users[b] != users[b - 1] {
+                        changes.push(Change::Earlier(a, b));
+                    }
+                }
+            }
+        }
+        let values: Vec<f64> = changes
+            .par_iter()
+            .map_init(
+                || (users.to_vec(), Vec::new(), Vec::new()),
+                |(order, before, after), &change| {
+                    order.copy_from_slice(users);
+                    change.apply(order);
+                    let (a, b) = change.range();
+                    before.clear();
+                    match a.checked_sub(1) {
+                        Some(previous) => before.extend_from_slice(&earned[previous]),
+                        None => before.push(0.0),
+                    }
+                    for (slot, &user) in order.iter().enumerate().take(b + 1).skip(a) {
+                        self.onward(slot, user, before, after);
+                        std::mem::swap(before, after);
+                    }
+                    let through = before.iter().zip(&ahead[b]).map(|(a, b)| a + b);
+                    through.fold(NOWHERE, f64::max)
+                },
+            )
+            .collect();
+        let best = (0..changes.len()).fold(None, |best: Option<usize>, index| match best {
+            Some(best) if values[best] >= values[index] => Some(best),
+            _ => Some(index),
+        })?;
+        (values[best] > least).then(|| {
+            let mut order = users.to_vec();
+            changes[best].apply(&mut order);
+            order
+        })
+    }
+}

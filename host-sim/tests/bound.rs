@@ -1,0 +1,287 @@
+//! The certificate against everything that could contradict it: enumeration, random missions,
+//! and the mission that it hands out, flown.
+
+use firmware_core::{
+    Mission, Position, USERS_MAX,
+    controller::{ChannelState, Controller},
+    mission::{Area, MissionParameters},
+    shield::{Fairness, Intervention, ReachableSet, admissible_waypoint},
+};
+use host_sim::{
+    bound::{Bound, BoundError, Settings, certify},
+    scenario::{HostMission, Scenario},
+    search::{PlaceRates, SearchPolicy},
+};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+fn shipped(name: &str) -> HostMission {
+    Scenario::shipped(name).expect("a shipped scenario").mission
+}
+
+fn changed(
+    mission: &HostMission,
+    change: impl FnOnce(&mut MissionParameters<f64, 16, 64>),
+) -> HostMission {
+    let mut parameters = mission.parameters().clone();
+    change(&mut parameters);
+    Mission::new(parameters).expect("a valid mission")
+}
+
+/// Quick: one leaf, coarse cells.
+const QUICK: Settings = Settings {
+    gap: 0.01,
+    finest_cell_m: 1.0,
+    leaves_max: 1,
+    pairs_max: 4_000_000,
+    work_max: 4_000_000,
+};
+
+fn bound(mission: &HostMission, settings: &Settings) -> Bound {
+    certify(mission, settings, |_| {}).expect("a bound")
+}
+
+#[test]
+fn shipped_missions_are_bounded_within_two_percent() {
+    for name in ["separated", "mixed"] {
+        let bound = bound(&shipped(name), &QUICK);
+        assert!(bound.lower <= bound.upper);
+        assert!(bound.gap < 0.02, "{name}: {}", bound.gap);
+    }
+}
+
+/// The plan through the controller, slot by slot, on the paper's kinematics.
+#[test]
+fn the_mission_keeps_every_constraint_and_reproduces_its_rate() {
+    for name in ["separated", "mixed"] {
+        let mission = shipped(name);
+        let bound = bound(&mission, &QUICK);
+        let plan = bound.plan.clone();
+        for place in &plan.waypoints {
+            assert_eq!(
+                *place,
+                place.map(|value| f64::from(value as f32)),
+                "not an f32"
+            );
+        }
+        let policy = SearchPolicy::new(plan.clone());
+        let mut controller: Controller<f64, _> = Controller::new(mission.clone(), policy);
+        let (mut here, mut sum) = (mission.parameters().start, 0.0);
+        for (index, expected) in plan.waypoints.iter().enumerate() {
+            let step = controller.plan(here).expect("a plan");
+            assert!(
+                !step.intervention.any(),
+                "{name} slot {}: {:?}",
+                index + 1,
+                step.intervention
+            );
+            assert!((step.waypoint - expected).norm() < 1e-9);
+            assert_eq!(step.served_user, plan.users[index]);
+            here = step.waypoint;
+            let state = ChannelState::predicted(&mission, step.slot, &here);
+            sum += controller.allocate(&state).expect("a command").rate;
+        }
+        assert!(controller.has_arrived(&here));
+        assert!(controller.fairness().is_fair());
+        assert!(
+            (sum / bound.lower - 1.0).abs() < 1e-9,
+            "{sum} {}",
+            bound.lower
+        );
+    }
+}
+
+#[test]
+fn the_same_mission_gets_the_same_certificate() {
+    let mission = shipped("separated");
+    let [first, second] = [(); 2].map(|()| Bound {
+        seconds: 0.0,
+        ..bound(&mission, &QUICK)
+    });
+    assert_eq!(first, second);
+}
+
+/// A mission that the shield lets through: random wishes, persistent for a few slots, and users
+/// by chance or by rate.
+fn random_mission(
+    mission: &HostMission,
+    rates: &mut PlaceRates<'_, 16, 64>,
+    rng: &mut impl Rng,
+) -> f64 {
+    let p = mission.parameters();
+    let users = mission.user_count();
+    let greed = rng.random_range(0.0..1.0);
+    let mut fairness: Fairness<USERS_MAX> = Fairness::new(mission);
+    let (mut here, mut sum, mut row) = (p.start, 0.0, [0.0; USERS_MAX]);
+    let place = |rng: &mut _| random_place(&p.area, rng);
+    let mut target = place(rng);
+    for slot in 1..=mission.slots() {
+        if rng.random_bool(0.1) {
+            target = place(rng);
+        }
+        let set = ReachableSet::of_slot(mission, slot, here);
+        here = admissible_waypoint(&set, &(target - here), &mut Intervention::default());
+        rates.write(&here, &mut row[..users]);
+        let chosen = if rng.random_bool(greed) {
+            fairness.best(|user| row[user])
+        } else {
+            let lucky = rng.random_range(0..users);
+            fairness.best(|user| f64::from(u8::from(user == lucky)))
+        };
+        fairness.record(chosen);
+        sum += chosen.map_or(0.0, |user| row[user]);
+    }
+    assert!(fairness.is_fair());
+    sum
+}
+
+fn random_place(area: &Area<f64>, rng: &mut impl Rng) -> Position<f64> {
+    Position::new(
+        rng.random_range(0.0..area.east_m),
+        rng.random_range(0.0..area.north_m),
+    )
+}
+
+#[test]
+fn ten_thousand_random_missions_stay_below() {
+    let mut rng = Pcg64Mcg::seed_from_u64(11);
+    for name in ["separated", "mixed"] {
+        let mission = shipped(name);
+        let upper = bound(&mission, &QUICK).upper;
+        let mut rates = PlaceRates::new(&mission);
+        let mut highest = 0.0_f64;
+        for _ in 0..5000 {
+            highest = highest.max(random_mission(&mission, &mut rates, &mut rng));
+        }
+        assert!(highest <= upper, "{name}: {highest} {upper}");
+        assert!(highest > 0.5 * upper, "too weak to tell: {highest} {upper}");
+    }
+}
+
+/// Every path over a lattice of places and every fair order of users, on tiny missions drawn at
+/// random.
+#[test]
+fn enumeration_never_exceeds_the_bound() {
+    let mut rng = Pcg64Mcg::seed_from_u64(3);
+    let table_one = shipped("separated");
+    for round in 0..30 {
+        let (slots, users) = [(2, 1), (3, 2), (4, 2), (5, 2)][round % 4];
+        let mission = changed(&table_one, |p| {
+            p.area = Area {
+                east_m: 200.0,
+                north_m: 160.0,
+            };
+            p.slots = slots;
+            p.max_speed_mps = 45.0;
+            p.noise_power.0 *= [1.0, 10.0][round % 2];
+            p.mse_threshold = rng.random_range(0.012..0.027);
+            p.users.truncate(users);
+            let area = p.area;
+            for place in p.users.iter_mut().chain(p.sensors.iter_mut()) {
+                *place = random_place(&area, &mut rng);
+            }
+            p.start = random_place(&area, &mut rng);
+            let turn = rng.random_range(0.0..6.0_f64);
+            let away = 45.0 * rng.random_range(0.0..f64::from(slots));
+            let wish = p.start + nalgebra::Vector2::new(turn.cos(), turn.sin()) * away;
+            p.destination = Position::new(wish.x.clamp(0.0, 200.0), wish.y.clamp(0.0, 160.0));
+        });
+        let bound = bound(&mission, &Settings::default());
+        let best = best_by_enumeration(&mission, 13.0);
+        assert!(best <= bound.upper, "round {round}: {best} {}", bound.upper);
+        assert!(bound.lower <= bound.upper);
+        assert!(
+            bound.lower >= 0.98 * best,
+            "round {round}: {best} {}",
+            bound.lower
+        );
+        assert!(bound.gap < 0.05, "round {round}: {}", bound.gap);
+    }
+}
+
+/// By recursion over lattice points and users, with the counts that fairness needs.
+fn best_by_enumeration(mission: &HostMission, spacing_m: f64) -> f64 {
+    let p = mission.parameters();
+    let users = mission.user_count();
+    let mut rates = PlaceRates::new(mission);
+    let mut places = Vec::new();
+    let steps = |extent_m: f64| (extent_m / spacing_m) as i32;
+    for column in 0..=steps(p.area.east_m) {
+        for row in 0..=steps(p.area.north_m) {
+            let place = Position::new(f64::from(column), f64::from(row)) * spacing_m;
+            let mut row = vec![0.0; users];
+            rates.write(&place, &mut row);
+            places.push((place, row));
+        }
+    }
+    // best[place][count of user 0]: enough for two users.
+    let reach_m = mission.reach_m();
+    let slots = mission.slots() as usize;
+    let mut best: Vec<Vec<f64>> = Vec::new();
+    for slot in 0..slots {
+        best = places
+            .iter()
+            .map(|(to, rates)| {
+                let mut here = vec![f64::NEG_INFINITY; slots + 1];
+                let mut arrive = |before: &[f64]| {
+                    for (count, &value) in before.iter().enumerate() {
+                        for (user, rate) in rates.iter().enumerate() {
+                            let count = count + usize::from(user == 0);
+                            if count <= slots {
+                                here[count] = here[count].max(value + rate);
+                            }
+                        }
+                    }
+                };
+                if slot == 0 {
+                    if (to - p.start).norm() <= reach_m {
+                        arrive(&[0.0]);
+                    }
+                } else {
+                    for ((from, _), before) in places.iter().zip(&best) {
+                        if (to - from).norm() <= reach_m {
+                            arrive(before);
+                        }
+                    }
+                }
+                here
+            })
+            .collect();
+    }
+    let quota = mission.quota() as usize;
+    let fair = |count: usize| count >= quota && (users == 1 || slots - count >= quota);
+    let arrived = places
+        .iter()
+        .zip(&best)
+        .filter(|((place, _), _)| (place - p.destination).norm() <= reach_m);
+    arrived
+        .flat_map(|(_, values)| values.iter().enumerate())
+        .filter(|(count, _)| fair(*count))
+        .fold(0.0, |best, (_, &value)| best.max(value))
+}
+
+#[test]
+fn missions_without_room_and_missions_too_large_are_refused() {
+    let mission = shipped("separated");
+    let tight = changed(&mission, |p| {
+        let distance_m = (p.destination - p.start).norm();
+        p.max_speed_mps = distance_m / f64::from(p.slots + 1) * (1.0 + 1e-12);
+    });
+    assert!(matches!(
+        certify(&tight, &QUICK, |_| {}),
+        Err(BoundError::NoRoom { .. })
+    ));
+    let long = changed(&mission, |p| p.slots = 100_000);
+    assert!(matches!(
+        certify(&long, &QUICK, |_| {}),
+        Err(BoundError::TooLarge { .. })
+    ));
+    let slow = changed(&mission, |p| {
+        p.max_speed_mps = 0.01;
+        p.destination = p.start;
+    });
+    assert!(matches!(
+        certify(&slow, &QUICK, |_| {}),
+        Err(BoundError::TooLarge { .. })
+    ));
+}
