@@ -12,7 +12,7 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use firmware_core::{
     PowerGain, Scalar,
-    inner::{PrefixSum, SensorField, SlotLimits, Workspace},
+    inner::{PrefixSum, SensorField, SlotLimits, Workspace, alternating::Settings},
 };
 use random_slots::{Problem, generator, log_uniform};
 
@@ -99,11 +99,48 @@ fn scaling(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// Alg. 1 on slots as over the default mission, feasible ones.
+fn alternating(criterion: &mut Criterion) {
+    let mut random = generator(37);
+    let mut workspace = Workspace::<f64, 64>::default();
+    let mut slots = Vec::new();
+    while slots.len() < DISTINCT {
+        let problem = Problem::draw_with(&mut random, 36).with(|limits| {
+            limits.sensor_power_max.0 = 0.05;
+            limits.user_power_max.0 = 0.2;
+            limits.noise_power.0 = 3.162e-13;
+            limits.mse_threshold = 0.015;
+        });
+        let field = workspace.sensors(&problem.limits, &problem.sensor_gains);
+        if field.is_ok_and(|field| field.is_feasible()) {
+            slots.push(problem);
+        }
+    }
+    let mut group = criterion.benchmark_group("alternating");
+    for tolerance in [1e-3, 1e-6] {
+        let settings = Settings {
+            tolerance,
+            ..Settings::default()
+        };
+        let mut next = (0..DISTINCT).cycle();
+        group.bench_function(BenchmarkId::new("slot, J = 36, xi", tolerance), |bencher| {
+            bencher.iter(|| {
+                let slot = &slots[next.next().unwrap_or(0)];
+                workspace
+                    .sensors(&slot.limits, &slot.sensor_gains)
+                    .and_then(|field| field.alternate(Some(slot.user_gain), &settings, |_| {}))
+                    .expect("a slot problem")
+            });
+        });
+    }
+    group.finish();
+}
+
 fn exact(criterion: &mut Criterion) {
     paper_size::<f64>(criterion, "f64");
     paper_size::<f32>(criterion, "f32");
     scaling(criterion);
 }
 
-criterion_group!(benches, exact);
+criterion_group!(benches, exact, alternating);
 criterion_main!(benches);

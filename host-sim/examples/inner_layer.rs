@@ -280,7 +280,9 @@ fn time(seconds: f64) -> String {
 /// A fraction near 1, by how far it is from 1 where digits would not show it.
 fn fraction(value: f64) -> String {
     let short = 1.0 - value;
-    if short.abs() < 1e-4 {
+    if short == 0.0 {
+        "1".into()
+    } else if short.abs() < 1e-4 {
         format!(
             "1 {} {:.0e}",
             if short < 0.0 { '+' } else { '-' },
@@ -308,7 +310,7 @@ fn differing(outcomes: &[Outcome], exact: &[Outcome]) -> usize {
 fn main_table(rows: &[(&str, Vec<Outcome>)]) -> String {
     let exact = &rows[0].1;
     let mut table = String::from(
-        "| method | slots | fraction of the optimum: least | median | most | feasibility differs | not finished | solves, median | time, median | times exact |\n\
+        "| method | slots | share of the optimum: least | median | most | feasibility differs | not finished | solves, median | time, median | times exact |\n\
          |---|---|---|---|---|---|---|---|---|---|\n",
     );
     let exact_time = median(exact.iter().map(|o| o.seconds).collect());
