@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use command::{bound, run, scenario, solve, vehicle};
+use command::{bound, doctor, run, scenario, solve, upload, vehicle};
 
 /// A UAV that serves users and averages sensors over the air: flies missions, end to end.
 #[derive(Debug, Parser)]
@@ -27,6 +27,10 @@ enum Command {
     Run(run::RunArguments),
     /// The built-in vehicle as a process of its own, speaking MAVLink to anyone
     Vehicle(vehicle::VehicleArguments),
+    /// Plan the whole mission and hand it to an autopilot
+    Upload(upload::UploadArguments),
+    /// Say what would stop or slow a mission with an autopilot; moves nothing
+    Doctor(doctor::AutopilotArguments),
     /// Solve slot problems given as JSON lines
     Solve(solve::SolveArguments),
     /// Certify the most that any mission can carry, and find a mission close to it
@@ -42,6 +46,8 @@ fn main() -> ExitCode {
     let outcome = match command {
         Command::Run(arguments) => run::execute(&arguments),
         Command::Vehicle(arguments) => vehicle::execute(&arguments),
+        Command::Upload(arguments) => upload::execute(&arguments),
+        Command::Doctor(arguments) => doctor::execute(&arguments),
         Command::Solve(arguments) => solve::execute(&arguments),
         Command::Bound(arguments) => bound::execute(&arguments),
         Command::Scenario(command) => scenario::execute(command),

@@ -1,9 +1,11 @@
 //! The command line, a module per subcommand: reads arguments, calls the library, prints.
 
 pub(crate) mod bound;
+pub(crate) mod doctor;
 pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod solve;
+pub(crate) mod upload;
 pub(crate) mod vehicle;
 
 use std::{fmt::Display, io, path::Path, process::ExitCode};

@@ -5,7 +5,7 @@ use std::{path::PathBuf, str::FromStr};
 use clap::Args;
 use host_sim::{
     flight, interrupt,
-    link::LinkAddress,
+    link::{LinkAddress, key, tlog},
     vehicle::{Profile, serve},
 };
 
@@ -26,6 +26,21 @@ pub(crate) struct VehicleArguments {
     /// The mission at whose start it stands: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated", value_name = "FILE")]
     scenario: PathBuf,
+    /// A parameter that differs from the profile's default, as often as needed
+    #[arg(long = "param", value_name = "NAME=VALUE", value_parser = parse_parameter)]
+    parameters: Vec<(String, f32)>,
+    /// Sign what is sent and take only what is signed, with the key in this file
+    #[arg(long, value_name = "FILE")]
+    signing_key: Option<PathBuf>,
+}
+
+fn parse_parameter(text: &str) -> Result<(String, f32), String> {
+    let parsed = text
+        .split_once('=')
+        .and_then(|(name, value)| Some((name.to_owned(), value.parse().ok()?)));
+    parsed
+        .filter(|(_, value): &(_, f32)| value.is_finite())
+        .ok_or_else(|| "must be NAME=NUMBER".into())
 }
 
 /// Serves until ctrl-C.
@@ -37,7 +52,22 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
             arguments.speed
         )));
     }
-    let settings = flight::vehicle_settings(&scenario, arguments.profile);
+    let mut settings = flight::vehicle_settings(&scenario, arguments.profile);
+    let known = arguments.profile.parameter_names();
+    for (name, _) in &arguments.parameters {
+        if !known.contains(&name.as_str()) {
+            return Err(Failure::bad_input(format!(
+                "--param {name}: the {} vehicle has only {}",
+                arguments.profile,
+                known.join(", ")
+            )));
+        }
+    }
+    settings.parameters.clone_from(&arguments.parameters);
+    if let Some(file) = &arguments.signing_key {
+        let key = key::read(file).map_err(Failure::bad_input)?;
+        settings.signing = Some((key, tlog::wall_clock_us()));
+    }
     eprintln!(
         "{} vehicle at {}, speed {}; ctrl-C ends it",
         arguments.profile.name(),

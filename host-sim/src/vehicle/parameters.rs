@@ -26,6 +26,14 @@ pub(super) struct Parameters {
     all: Vec<(&'static str, Value)>,
 }
 
+impl Profile {
+    /// The names of its parameters.
+    pub fn parameter_names(self) -> Vec<&'static str> {
+        let all = Parameters::of(self).all;
+        all.into_iter().map(|(name, _)| name).collect()
+    }
+}
+
 /// m/s^2.
 const GRAVITY: f64 = 9.806_65;
 

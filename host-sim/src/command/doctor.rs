@@ -1,0 +1,81 @@
+//! `host-sim doctor`: would a mission fly with this autopilot, and how well? Moves nothing.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::Args;
+use firmware_core::autopilot::Autopilot;
+use firmware_core::time::Duration;
+use host_sim::{
+    doctor, flight, interrupt,
+    link::{LinkAddress, Port, Session, key},
+    vehicle::Profile,
+};
+
+use super::{Failure, load_scenario};
+
+/// How to reach an autopilot.
+#[derive(Debug, Args)]
+pub(crate) struct AutopilotArguments {
+    /// Where the autopilot is: udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or
+    /// serial:DEVICE:BAUD
+    #[arg(long)]
+    link: LinkAddress,
+    /// How fast its time passes, where it is simulated
+    #[arg(long, default_value_t = 1.0, value_parser = parse_speed, value_name = "X")]
+    speed: f64,
+    /// Its airframe: sets the limits that are planned with
+    #[arg(long, default_value = "multirotor", value_parser = Profile::from_str)]
+    profile: Profile,
+    /// The mission: a TOML file, or the name of a shipped scenario
+    #[arg(long, default_value = "separated", value_name = "FILE")]
+    pub(super) scenario: PathBuf,
+    /// Sign what is sent and take only what is signed, with the key in this file
+    #[arg(long, value_name = "FILE")]
+    signing_key: Option<PathBuf>,
+    /// How long to wait for it to be ready, seconds of its time
+    #[arg(long, default_value_t = 60, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
+    patience: u64,
+}
+
+fn parse_speed(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|speed| (0.001..=1000.0).contains(speed))
+        .ok_or_else(|| "must be a number from 0.001 to 1000".into())
+}
+
+impl AutopilotArguments {
+    pub(super) fn patience(&self) -> Duration {
+        Duration::from_secs(self.patience)
+    }
+
+    /// A session on the link, and a client for the mission.
+    pub(super) fn connect(
+        &self,
+        scenario: &host_sim::scenario::Scenario,
+    ) -> Result<(Session, Autopilot<f64>), Failure> {
+        let settings = flight::autopilot_settings(scenario, self.profile);
+        let failed = |error| Failure::failed(format!("--link {}: {error}", self.link));
+        let mut port = Port::new(self.link.open().map_err(failed)?, settings.own);
+        if let Some(file) = &self.signing_key {
+            port.sign_with(key::read(file).map_err(Failure::bad_input)?, 1);
+        }
+        let client = Autopilot::new(settings).map_err(Failure::bad_input)?;
+        Ok((Session::new(port, self.speed), client))
+    }
+}
+
+/// Looks and says what was found; fails if a mission would not start.
+pub(crate) fn execute(arguments: &AutopilotArguments) -> Result<(), Failure> {
+    let scenario = load_scenario(&arguments.scenario)?;
+    let (mut session, mut client) = arguments.connect(&scenario)?;
+    let stop = interrupt::flag();
+    let diagnosis = doctor::examine(&mut session, &mut client, arguments.patience(), &stop)?;
+    println!("{diagnosis}");
+    if diagnosis.is_ready() {
+        Ok(())
+    } else {
+        Err(Failure::failed("the autopilot is not ready for a mission"))
+    }
+}

@@ -1,0 +1,95 @@
+//! `host-sim upload`: plans the whole mission and hands it to an autopilot.
+
+use std::io::Write;
+
+use clap::{Args, ValueEnum};
+use firmware_core::autopilot::mission::Ending;
+use host_sim::{
+    flight::{self, FlightSettings, Pace, Peer},
+    interrupt,
+    policy::{HostPolicy, PolicyChoice},
+    upload::Upload,
+    vehicle::{Profile, Vehicle},
+};
+
+use super::doctor::AutopilotArguments;
+use super::{Failure, load_scenario};
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum EndingChoice {
+    Land,
+    Return,
+}
+
+/// What to hand over, and to whom.
+#[derive(Debug, Args)]
+pub(crate) struct UploadArguments {
+    #[command(flatten)]
+    autopilot: AutopilotArguments,
+    /// Who plans the way-points: straight-line, fixed, or a file
+    #[arg(long, default_value = "straight-line")]
+    policy: PolicyChoice,
+    /// What follows the last way-point
+    #[arg(long, value_enum, default_value = "land")]
+    ending: EndingChoice,
+    /// Fly it as soon as it is there: arms the motors and takes off
+    #[arg(long)]
+    start: bool,
+}
+
+/// Plans on the ideal vehicle, uploads, reads back, and starts if asked.
+pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
+    let scenario = load_scenario(&arguments.autopilot.scenario)?;
+    let policy = HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
+    let (mut session, mut client) = arguments.autopilot.connect(&scenario)?;
+    let settings = FlightSettings {
+        policy: arguments.policy.to_string(),
+        profile: Profile::Ideal,
+        pace: Pace::Max,
+        seed: 1,
+        symbols_per_slot: 1,
+    };
+    let vehicle = Vehicle::new(flight::vehicle_settings(&scenario, Profile::Ideal));
+    let record = flight::fly(
+        &scenario,
+        policy,
+        &settings,
+        Peer::built_in(vehicle),
+        &mut (),
+    )
+    .map_err(|failed| Failure::failed(format!("planning: {}", failed.error)))?;
+    let mission = scenario.mission.parameters();
+    let mut waypoints: Vec<_> = record.slots.iter().map(|slot| slot.planned).collect();
+    // One more slot away at most; the paper counts that as arrived.
+    waypoints.push(mission.destination);
+    let upload = Upload {
+        waypoints: &waypoints,
+        speed_mps: mission.max_speed_mps,
+        ending: match arguments.ending {
+            EndingChoice::Land => Ending::Land,
+            EndingChoice::Return => Ending::Return,
+        },
+        start: arguments.start,
+        patience: arguments.autopilot.patience(),
+    };
+    let stop = interrupt::flag();
+    let items = upload
+        .run(&mut session, &mut client, &stop, |done, count| {
+            log_progress(done, count);
+        })
+        .map_err(Failure::failed)?;
+    eprintln!();
+    let begun = if arguments.start {
+        ", and it flies"
+    } else {
+        ""
+    };
+    println!("{items} mission items uploaded and read back{begun}");
+    Ok(())
+}
+
+fn log_progress(done: u16, count: u16) {
+    let mut stderr = std::io::stderr().lock();
+    // A terminal that went away is no reason to break off a transfer.
+    let _ = write!(stderr, "\ritem {done} of {count}");
+}
