@@ -5,6 +5,7 @@ use std::io::Write;
 use clap::{Args, ValueEnum};
 use firmware_core::autopilot::mission::Ending;
 use host_sim::{
+    allocation::Allocation,
     flight::{self, FlightSettings, Pace, Peer},
     interrupt,
     policy::{HostPolicy, PolicyChoice},
@@ -44,6 +45,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let (mut session, mut client) = arguments.autopilot.connect(&scenario)?;
     let settings = FlightSettings {
         policy: arguments.policy.to_string(),
+        inner: Allocation::Exact,
         profile: Profile::Ideal,
         pace: Pace::Max,
         seed: 1,

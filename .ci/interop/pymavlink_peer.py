@@ -1,0 +1,172 @@
+"""pymavlink against our vehicle and our client: parameters, missions, signing both ways.
+
+Usage: pymavlink_peer.py HOST_SIM_BINARY
+"""
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+
+os.environ["MAVLINK20"] = "1"
+from pymavlink import mavutil, mavwp  # noqa: E402
+
+BINARY = sys.argv[1]
+SPEED = "10"
+checks = 0
+
+
+def check(condition, what):
+    global checks
+    if not condition:
+        sys.exit(f"pymavlink: {what}")
+    checks += 1
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class Vehicle:
+    def __init__(self, *arguments):
+        self.port = free_port()
+        listen = f"udpin:127.0.0.1:{self.port}"
+        command = [BINARY, "vehicle", "--listen", listen, "--speed", SPEED, *arguments]
+        self.process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+
+    def connect(self, key=None):
+        link = mavutil.mavlink_connection(
+            f"udpout:127.0.0.1:{self.port}", source_system=255, source_component=190
+        )
+        if key:
+            link.setup_signing(key, sign_outgoing=True)
+        return link
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.send_signal(2)
+        check(self.process.wait(10) == 0, "the vehicle does not end cleanly on ctrl-C")
+
+
+def greet(link, seconds=10.0):
+    """The vehicle's heartbeat, or None."""
+    end = time.time() + seconds
+    while time.time() < end:
+        link.mav.heartbeat_send(6, 8, 0, 0, 0)
+        beat = link.recv_match(type="HEARTBEAT", blocking=True, timeout=0.3)
+        if beat is not None and beat.autopilot != 8:
+            link.target_system, link.target_component = 1, 1
+            return beat
+    return None
+
+
+def parameters():
+    with Vehicle("--profile", "arducopter", "--param", "WPNAV_SPEED=3000") as vehicle:
+        link = vehicle.connect()
+        check(greet(link), "no heartbeat")
+        link.param_fetch_all()
+        got, total, end = {}, None, time.time() + 10
+        while time.time() < end and len(got) != total:
+            value = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=1)
+            if value:
+                got[value.param_id], total = value.param_value, value.param_count
+        check(total and len(got) == total, f"{len(got)} of {total} parameters")
+        check(got["WPNAV_SPEED"] == 3000, "WPNAV_SPEED")
+        link.param_set_send("WPNAV_ACCEL", 500)
+        value = link.recv_match(
+            type="PARAM_VALUE", condition="PARAM_VALUE.param_id=='WPNAV_ACCEL'", blocking=True, timeout=3
+        )
+        check(value and value.param_value == 500, "PARAM_SET")
+
+
+def read_mission(link):
+    link.waypoint_request_list_send()
+    count = link.recv_match(type="MISSION_COUNT", blocking=True, timeout=3)
+    check(count is not None, "no MISSION_COUNT")
+    items = []
+    for seq in range(count.count):
+        item = None
+        for _ in range(5):  # UDP: a datagram may be lost
+            link.mav.mission_request_int_send(1, 1, seq)
+            item = link.recv_match(
+                type="MISSION_ITEM_INT", condition=f"MISSION_ITEM_INT.seq=={seq}", blocking=True, timeout=1
+            )
+            if item is not None:
+                break
+        check(item is not None, f"item {seq}")
+        items.append(item)
+    return items
+
+
+def missions():
+    for profile in ["multirotor", "arducopter", "px4"]:
+        with Vehicle("--profile", profile) as vehicle:
+            link = vehicle.connect()
+            check(greet(link), "no heartbeat")
+            # pymavlink sends a mission, and reads it back.
+            loader = mavwp.MAVWPLoader(1, 1)
+            for n in range(12):
+                loader.add(
+                    mavutil.mavlink.MAVLink_mission_item_message(
+                        1, 1, n, 3, 16, 0, 1, 0, 0, 0, 0, 47.0 + n * 1e-3, 8.0 - n * 1e-3, 50 + n
+                    )
+                )
+            link.waypoint_count_send(loader.count())
+            result = None
+            while result is None:
+                message = link.recv_match(
+                    type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=3
+                )
+                check(message is not None, f"{profile}: the upload stalls")
+                if message.get_type() == "MISSION_ACK":
+                    result = message.type
+                else:
+                    item = loader.wp(message.seq)
+                    link.mav.mission_item_int_send(
+                        1, 1, item.seq, 3, 16, 0, 1, 0, 0, 0, 0,
+                        round(item.x * 1e7), round(item.y * 1e7), item.z,
+                    )
+            check(result == 0, f"{profile}: MISSION_ACK {result}")
+            items = read_mission(link)
+            check([i.x for i in items] == [470000000 + n * 10000 for n in range(12)], f"{profile}: items differ")
+            # Our client sends the whole default mission; pymavlink reads it.
+            command = [BINARY, "upload", "--link", f"udpout:127.0.0.1:{vehicle.port}", "--speed", SPEED]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+            check(done.returncode == 0, f"{profile}: upload: {done.stderr}")
+            link = vehicle.connect()
+            check(greet(link), "no heartbeat")
+            items = read_mission(link)
+            check(len(items) == (64 if profile == "px4" else 65), f"{profile}: {len(items)} items")
+            check(items[-1].command == 21, f"{profile}: no landing at the end")
+
+
+def signing():
+    key = bytes(range(32))
+    with tempfile.NamedTemporaryFile("w") as file:  # mode 600
+        file.write(key.hex())
+        file.flush()
+        with Vehicle("--profile", "multirotor", "--signing-key", file.name) as vehicle:
+            # Ours are checked by pymavlink (it drops what is wrongly signed) and the reverse.
+            link = vehicle.connect(key)
+            check(greet(link), "our signed frames are not accepted")
+            check(link.mav.signing.sig_count > 0, "frames came unsigned")
+            check(link.mav.signing.badsig_count == 0, "bad signatures")
+            read_mission(link)
+            for wrong in [None, bytes(32)]:
+                link = vehicle.connect(wrong)
+                check(greet(link, 2) is None or wrong is None, "a wrong key hears us")
+                link.waypoint_request_list_send()
+                count = link.recv_match(type="MISSION_COUNT", blocking=True, timeout=1)
+                check(count is None, "an unsigned or wrongly signed request was answered")
+
+
+parameters()
+missions()
+signing()
+print(f"pymavlink: parameters, missions and signing, {checks} checks")
