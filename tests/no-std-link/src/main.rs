@@ -1,12 +1,21 @@
-//! Solves a slot, without std and without an allocator. See Cargo.toml.
+//! Solves a slot and sends an autopilot its first heartbeat, signed, without std and without an allocator. See Cargo.toml.
 #![no_std]
 #![no_main]
 
 use core::panic::PanicInfo;
 
 use firmware_core::{
-    PowerGain, Watt,
-    inner::{SlotLimits, exact::Workspace},
+    Position, PowerGain, Watt,
+    autopilot::{
+        Autopilot, Settings,
+        frames::Geodetic,
+        wire::{
+            Decoder, Encoder, MAX_FRAME,
+            signing::{Signer, SigningKey, Verifier},
+        },
+    },
+    inner::{SlotLimits, Workspace},
+    time::Instant,
 };
 
 #[panic_handler]
@@ -33,7 +42,33 @@ pub extern "C" fn main() -> i32 {
         .sensors(&limits, &gains)
         .and_then(|field| field.solve(Some(PowerGain(2e-12))));
     match solved {
-        Ok(solution) if solution.status.is_feasible() && solution.rate > 0.0 => 0,
+        Ok(solution) if solution.status.is_feasible() && solution.rate > 0.0 => heartbeat(),
         _ => 1,
+    }
+}
+
+/// 0 if the client's first message is a frame that a decoder with the same key takes.
+fn heartbeat() -> i32 {
+    let start = Position::new(50.0_f32, 80.0);
+    let settings = Settings::new(Geodetic::default(), start, 100.0, 30.0);
+    let Ok(mut client) = Autopilot::new(settings) else {
+        return 2;
+    };
+    let key = SigningKey::new([1; 32]);
+    let mut encoder = Encoder::new(settings.own);
+    encoder.sign_with(Signer::new(key.clone(), 0, 0));
+    let mut decoder = Decoder::in_order();
+    decoder.require_signatures(Verifier::new(key, 0));
+    let mut buffer = [0; MAX_FRAME];
+    let Some(message) = client.poll(Instant::ZERO) else {
+        return 3;
+    };
+    let mut bytes = encoder.encode(&message, &mut buffer);
+    let frame = decoder.next_frame(&mut bytes).map(|frame| frame.message());
+    if let Some(Ok(message)) = frame {
+        client.receive(Instant::ZERO, settings.own, &message);
+        0
+    } else {
+        4
     }
 }
