@@ -12,17 +12,18 @@
 //! status, the point that it returns is moved into its bounds, the user's power is what the MSE
 //! leaves for these very coefficients, and a point that does not meet `Gamma` is no solution.
 
-use clarabel::{
-    algebra::CscMatrix,
-    solver::{
-        DefaultSettings, DefaultSolver, IPSolver, SolverStatus,
-        SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT},
-    },
+mod program;
+
+use clarabel::solver::{
+    SolverStatus,
+    SupportedConeT::{ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT},
 };
 use firmware_core::{
     PowerGain,
     inner::{LimitedBy, SlotLimits, alternating::Settings},
 };
+
+use program::{Program, is_infeasible, is_solution};
 
 /// How it came out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -229,17 +230,6 @@ fn distance(eta: f64, from: &Point, eta_to: f64, to: &Point) -> f64 {
         .sqrt()
 }
 
-fn is_solution(status: SolverStatus) -> bool {
-    matches!(status, SolverStatus::Solved | SolverStatus::AlmostSolved)
-}
-
-fn is_infeasible(status: SolverStatus) -> bool {
-    matches!(
-        status,
-        SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible
-    )
-}
-
 impl<'a> Slot<'a> {
     fn new(
         limits: &'a SlotLimits<f64>,
@@ -341,30 +331,30 @@ impl<'a> Slot<'a> {
             .collect();
         let count = heard.len();
         let (tau, norm) = (count, count + 1);
-        let mut problem = Problem::new(count + 2);
-        problem.objective[norm] = 1.0;
-        problem.row(
+        let mut program = Program::new(count + 2);
+        program.objective[norm] = 1.0;
+        program.row(
             &(0..count).map(|j| (j, 1.0)).collect::<Vec<_>>(),
             count as f64,
         );
-        problem.cone(ZeroConeT(1));
+        program.cone(ZeroConeT(1));
         for (u, &j) in heard.iter().enumerate() {
-            problem.row(&[(u, -1.0)], 0.0);
-            problem.row(&[(u, 1.0), (tau, -self.amplitude[j] / scale)], 0.0);
+            program.row(&[(u, -1.0)], 0.0);
+            program.row(&[(u, 1.0), (tau, -self.amplitude[j] / scale)], 0.0);
         }
         let mut bounds = 2 * count;
         if let Some(energy) = energy_max {
-            problem.row(&[(norm, 1.0), (tau, -energy.sqrt() / scale)], 0.0);
+            program.row(&[(norm, 1.0), (tau, -energy.sqrt() / scale)], 0.0);
             bounds += 1;
         }
-        problem.cone(NonnegativeConeT(bounds));
-        problem.row(&[(norm, -1.0)], 0.0);
-        problem.row(&[(tau, -1.0 / scale)], 0.0);
+        program.cone(NonnegativeConeT(bounds));
+        program.row(&[(norm, -1.0)], 0.0);
+        program.row(&[(tau, -1.0 / scale)], 0.0);
         for u in 0..count {
-            problem.row(&[(u, -1.0)], 0.0);
+            program.row(&[(u, -1.0)], 0.0);
         }
-        problem.cone(SecondOrderConeT(count + 2));
-        let (status, x) = problem.solve(1e-10);
+        program.cone(SecondOrderConeT(count + 2));
+        let (status, x) = program.solve(1e-10);
         let usable = x.iter().all(|v| v.is_finite()) && x[tau] > 0.0 && !is_infeasible(status);
         let amplitude = usable.then(|| {
             let mut amplitude = vec![0.0; self.amplitude.len()];
@@ -383,39 +373,39 @@ impl<'a> Slot<'a> {
         let sensors = self.amplitude.len();
         let (z, psi, w) = (sensors, sensors + 1, sensors + 2);
         let noise = eta * eta;
-        let mut problem = Problem::new(sensors + 3);
-        problem.objective[psi] = 1.0 / (noise * psi_before);
-        problem.objective[w] = -1.0;
+        let mut program = Program::new(sensors + 3);
+        program.objective[psi] = 1.0 / (noise * psi_before);
+        program.objective[w] = -1.0;
         for (j, &a) in self.amplitude.iter().enumerate() {
-            problem.row(&[(j, -1.0)], 0.0);
+            program.row(&[(j, -1.0)], 0.0);
             // Beyond 1 + sqrt(J^2 Gamma) the MSE alone is over the threshold.
-            problem.row(&[(j, 1.0)], (eta * a).min(2.0 + (sensors as f64).sqrt()));
+            program.row(&[(j, 1.0)], (eta * a).min(2.0 + (sensors as f64).sqrt()));
         }
-        problem.row(&[(z, -1.0)], 0.0);
+        program.row(&[(z, -1.0)], 0.0);
         // Likewise for the interference.
-        problem.row(&[(z, 1.0)], (noise * self.budget).min(sensors as f64));
-        problem.cone(NonnegativeConeT(2 * sensors + 2));
+        program.row(&[(z, 1.0)], (noise * self.budget).min(sensors as f64));
+        program.cone(NonnegativeConeT(2 * sensors + 2));
         // ||v||^2 <= r is ||(2 v, r - 1)|| <= r + 1.
         let room = sensors as f64 - self.kappa - noise;
-        problem.row(&[(z, 1.0)], room + 1.0);
-        problem.row(&[(z, 1.0)], room - 1.0);
+        program.row(&[(z, 1.0)], room + 1.0);
+        program.row(&[(z, 1.0)], room - 1.0);
         for j in 0..sensors {
-            problem.row(&[(j, -2.0)], -2.0);
+            program.row(&[(j, -2.0)], -2.0);
         }
-        problem.cone(SecondOrderConeT(sensors + 2));
-        problem.row(&[(psi, -1.0)], 1.0);
-        problem.row(&[(psi, -1.0)], -1.0);
-        problem.row(&[], 2.0 * eta);
+        program.cone(SecondOrderConeT(sensors + 2));
+        program.row(&[(psi, -1.0)], 1.0);
+        program.row(&[(psi, -1.0)], -1.0);
+        program.row(&[], 2.0 * eta);
         for j in 0..sensors {
-            problem.row(&[(j, -2.0)], 0.0);
+            program.row(&[(j, -2.0)], 0.0);
         }
-        problem.cone(SecondOrderConeT(sensors + 3));
+        program.cone(SecondOrderConeT(sensors + 3));
         // (w, 1, z + Psi): e^w <= z + Psi.
-        problem.row(&[(w, -1.0)], 0.0);
-        problem.row(&[], 1.0);
-        problem.row(&[(z, -1.0), (psi, -1.0)], 0.0);
-        problem.cone(ExponentialConeT());
-        let (status, x) = problem.solve(1e-8);
+        program.row(&[(w, -1.0)], 0.0);
+        program.row(&[], 1.0);
+        program.row(&[(z, -1.0), (psi, -1.0)], 0.0);
+        program.cone(ExponentialConeT());
+        let (status, x) = program.solve(1e-8);
         if is_infeasible(status) || !x.iter().all(|v| v.is_finite()) {
             return (status, None);
         }
@@ -469,84 +459,5 @@ impl<'a> Slot<'a> {
             },
             solves,
         }
-    }
-}
-
-/// A conic problem under construction: least `objective x` with `b - A x` in the cones.
-#[derive(Debug)]
-struct Problem {
-    objective: Vec<f64>,
-    rows: Vec<usize>,
-    columns: Vec<usize>,
-    values: Vec<f64>,
-    right: Vec<f64>,
-    cones: Vec<SupportedConeT<f64>>,
-}
-
-impl Problem {
-    fn new(variables: usize) -> Self {
-        Self {
-            objective: vec![0.0; variables],
-            rows: Vec::new(),
-            columns: Vec::new(),
-            values: Vec::new(),
-            right: Vec::new(),
-            cones: Vec::new(),
-        }
-    }
-
-    fn row(&mut self, terms: &[(usize, f64)], right: f64) {
-        for &(column, value) in terms {
-            self.rows.push(self.right.len());
-            self.columns.push(column);
-            self.values.push(value);
-        }
-        self.right.push(right);
-    }
-
-    /// The rows since the last cone are in this one.
-    fn cone(&mut self, cone: SupportedConeT<f64>) {
-        self.cones.push(cone);
-    }
-
-    /// Tries shorter steps where Clarabel's own end in a corner of the exponential cone.
-    fn solve(self, tolerance: f64) -> (SolverStatus, Vec<f64>) {
-        let variables = self.objective.len();
-        let quadratic = CscMatrix::zeros((variables, variables));
-        let constraints = CscMatrix::new_from_triplets(
-            self.right.len(),
-            variables,
-            self.rows,
-            self.columns,
-            self.values,
-        );
-        let mut found = (SolverStatus::Unsolved, vec![f64::NAN; variables]);
-        for (max_step_fraction, equilibrate_enable) in [(0.99, true), (0.8, true), (0.8, false)] {
-            let settings = DefaultSettings {
-                verbose: false,
-                tol_gap_abs: tolerance,
-                tol_gap_rel: tolerance,
-                tol_feas: tolerance,
-                max_step_fraction,
-                equilibrate_enable,
-                ..DefaultSettings::default()
-            };
-            // Dimensions are this module's own: the constructor has nothing else to refuse.
-            if let Ok(mut solver) = DefaultSolver::new(
-                &quadratic,
-                &self.objective,
-                &constraints,
-                &self.right,
-                &self.cones,
-                settings,
-            ) {
-                solver.solve();
-                found = (solver.solution.status, solver.solution.x.clone());
-            }
-            if is_solution(found.0) || is_infeasible(found.0) {
-                break;
-            }
-        }
-        found
     }
 }

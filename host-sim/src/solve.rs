@@ -128,7 +128,7 @@ pub fn run(
 ) -> anyhow::Result<Tally> {
     anyhow::ensure!(
         method.supports(precision),
-        "--precision f32 is not for --method conic, whose solver has double precision only"
+        "{method:?} has no arithmetic of precision {precision:?}"
     );
     let mut tally = Tally::default();
     let mut line = Vec::new();

@@ -27,6 +27,12 @@ pub(crate) struct SolveArguments {
 /// Answers line by line on standard output; lines that were no problem are counted on standard
 /// error.
 pub(crate) fn execute(arguments: &SolveArguments) -> Result<(), Failure> {
+    if !arguments.method.supports(arguments.precision) {
+        return Err(Failure::bad_input(
+            "--precision is f32, but --method conic and conic-alternating need f64: their solver \
+             has no other",
+        ));
+    }
     let input: Box<dyn BufRead> = match &arguments.file {
         Some(path) => {
             let named = |error| Failure::bad_input(format!("{}: {error}", path.display()));
