@@ -16,8 +16,12 @@ use firmware_core::{
 use crate::{bound, scenario::Scenario, search::SearchPolicy};
 
 /// Who decides, as named.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum PolicyChoice {
+    /// The trained policy that is shipped for the scenario; the straight line for a scenario of
+    /// one's own, or in a build without the feature `onnx`.
+    #[default]
+    Shipped,
     /// Straight to the destination, nearest user.
     StraightLine,
     /// Hover over the middle of all nodes, nearest user.
@@ -33,6 +37,7 @@ impl FromStr for PolicyChoice {
 
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
+            "shipped" => Ok(Self::Shipped),
             "straight-line" => Ok(Self::StraightLine),
             "fixed" => Ok(Self::Fixed),
             "search" => Ok(Self::Search),
@@ -41,7 +46,7 @@ impl FromStr for PolicyChoice {
                 match path.extension().and_then(|extension| extension.to_str()) {
                     Some("onnx" | "policy") => Ok(Self::File(path)),
                     _ => Err(
-                        "must be straight-line, fixed, search, or a file that ends in .onnx or .policy"
+                        "must be shipped, straight-line, fixed, search, or a file that ends in .onnx or .policy"
                             .into(),
                     ),
                 }
@@ -53,6 +58,7 @@ impl FromStr for PolicyChoice {
 impl fmt::Display for PolicyChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Shipped => f.write_str("shipped"),
             Self::StraightLine => f.write_str("straight-line"),
             Self::Fixed => f.write_str("fixed"),
             Self::Search => f.write_str("search"),
@@ -63,6 +69,31 @@ impl fmt::Display for PolicyChoice {
             },
         }
     }
+}
+
+/// The policy that is shipped for the ground that a scenario covers: its file's name and content.
+fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
+    let files: [(&str, &str, &[u8]); 2] = [
+        (
+            "separated",
+            "separated-sac.onnx",
+            include_bytes!("../../models/separated-sac.onnx"),
+        ),
+        (
+            "mixed",
+            "mixed-sac.onnx",
+            include_bytes!("../../models/mixed-sac.onnx"),
+        ),
+    ];
+    let ground = |scenario: &Scenario| {
+        let p = scenario.mission.parameters();
+        (p.start, p.destination, p.users.clone(), p.sensors.clone())
+    };
+    let here = ground(scenario);
+    let (_, name, file) = files.into_iter().find(|(topology, ..)| {
+        Scenario::shipped(topology).is_some_and(|trained_on| ground(&trained_on) == here)
+    })?;
+    cfg!(feature = "onnx").then_some((name, file))
 }
 
 /// A policy of any kind, ready to decide.
@@ -82,40 +113,51 @@ pub enum HostPolicy {
 }
 
 impl HostPolicy {
-    /// The policy of this name for a mission.
+    /// The policy of this name for a mission, and the name that its records carry.
     ///
     /// # Errors
     /// A file that cannot be read, is no policy, or does not fit the mission: in one line.
-    pub fn load(choice: &PolicyChoice, scenario: &Scenario) -> Result<Self, String> {
+    pub fn load(choice: &PolicyChoice, scenario: &Scenario) -> Result<(Self, String), String> {
         let mission = &scenario.mission;
-        match choice {
-            PolicyChoice::StraightLine => Ok(Self::StraightLine(StraightLine::new(mission))),
-            PolicyChoice::Fixed => Ok(Self::Fixed(FixedPosition::central(mission))),
-            PolicyChoice::Search => bound::search(mission)
-                .map(|plan| Self::Search(SearchPolicy::new(plan)))
-                .map_err(|error| error.to_string()),
-            PolicyChoice::File(path) => {
-                let named = |error: String| format!("{}: {error}", path.display());
-                let policy = Self::read(path).map_err(named)?;
-                if let Some(provenance) = policy.provenance() {
-                    let fits = provenance.check(mission);
-                    fits.map_err(|misfit| named(misfit.to_string()))?;
-                }
-                Ok(policy)
+        let policy = match choice {
+            PolicyChoice::Shipped => {
+                return match shipped(scenario) {
+                    Some((name, file)) => {
+                        let policy = Self::from_file(Path::new(name), file.to_vec(), scenario)?;
+                        Ok((policy, name.into()))
+                    }
+                    None => Self::load(&PolicyChoice::StraightLine, scenario),
+                };
             }
-        }
+            PolicyChoice::StraightLine => Self::StraightLine(StraightLine::new(mission)),
+            PolicyChoice::Fixed => Self::Fixed(FixedPosition::central(mission)),
+            PolicyChoice::Search => {
+                let plan = bound::search(mission).map_err(|error| error.to_string())?;
+                Self::Search(SearchPolicy::new(plan))
+            }
+            PolicyChoice::File(path) => {
+                let file = fs::read(path).map_err(|error| named(path, error))?;
+                Self::from_file(path, file, scenario)?
+            }
+        };
+        Ok((policy, choice.to_string()))
     }
 
-    fn read(path: &Path) -> Result<Self, String> {
-        let file = fs::read(path).map_err(|error| error.to_string())?;
-        if path
+    fn from_file(path: &Path, file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {
+        let policy = if path
             .extension()
             .is_some_and(|extension| extension == "onnx")
         {
-            return Self::read_onnx(&file);
+            Self::read_onnx(&file).map_err(|error| named(path, error))?
+        } else {
+            let policy = Mlp::load(file).map_err(|error| named(path, error))?;
+            Self::Mlp(Box::new(policy))
+        };
+        if let Some(provenance) = policy.provenance() {
+            let fits = provenance.check(&scenario.mission);
+            fits.map_err(|misfit| named(path, misfit))?;
         }
-        let policy = Mlp::load(file).map_err(|error| error.to_string())?;
-        Ok(Self::Mlp(Box::new(policy)))
+        Ok(policy)
     }
 
     #[cfg(feature = "onnx")]
@@ -142,6 +184,11 @@ impl HostPolicy {
             Self::Onnx(policy) => Some(policy.provenance()),
         }
     }
+}
+
+/// The problem with the file in front.
+fn named(path: &Path, problem: impl fmt::Display) -> String {
+    format!("{}: {problem}", path.display())
 }
 
 impl Policy<f64, USERS_MAX> for HostPolicy {
@@ -172,7 +219,7 @@ mod tests {
             let scenario = Scenario::shipped(name).expect("shipped");
             for algorithm in ["sac", "ddpg"] {
                 let choice = shipped(&format!("{name}-{algorithm}.onnx"));
-                let policy = HostPolicy::load(&choice, &scenario).expect("sound");
+                let policy = HostPolicy::load(&choice, &scenario).expect("sound").0;
                 let provenance = policy.provenance().expect("trained");
                 assert_eq!(provenance.scenario, name);
                 assert_eq!(provenance.scenario_digest, scenario.digest().as_str());

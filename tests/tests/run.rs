@@ -64,6 +64,39 @@ fn the_straight_line_keeps_every_promise_on_both_topologies_and_vehicles() {
     }
 }
 
+/// The main job: the shipped policies keep every promise, and earn more than the straight line.
+#[test]
+fn the_shipped_policies_beat_the_straight_line() {
+    let folder = tempdir().unwrap();
+    for scenario in ["separated", "mixed"] {
+        let rate = |policy: &str| {
+            let summary = fly(folder.path(), &["--scenario", scenario, "--policy", policy]);
+            assert_sound(&summary);
+            (
+                summary["sum_rate"].as_f64().unwrap(),
+                summary["policy"].clone(),
+            )
+        };
+        let (straight, _) = rate("straight-line");
+        let (learned, policy) = rate("shipped");
+        assert_eq!(policy, format!("{scenario}-sac.onnx"));
+        assert!(
+            learned > straight,
+            "{scenario}: {learned} against {straight}"
+        );
+    }
+}
+
+/// Whatever the policy, a vehicle with inertia arrives.
+#[test]
+fn a_multirotor_arrives_from_wherever_it_hovered() {
+    let folder = tempdir().unwrap();
+    for policy in ["fixed", "shipped"] {
+        let arguments = ["--profile", "multirotor", "--policy", policy];
+        assert_sound(&fly(folder.path(), &arguments));
+    }
+}
+
 /// 20,000 symbols in every slot: the empirical MSE of the mission within 3 standard errors.
 #[test]
 fn the_signals_agree_with_the_formula() {

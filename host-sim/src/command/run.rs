@@ -16,7 +16,7 @@ use host_sim::{
     flight::{self, FlightSettings, Observer, Pace, Peer},
     interrupt,
     link::LinkAddress,
-    policy::PolicyChoice,
+    policy::{HostPolicy, PolicyChoice},
     record::{FlightEvent, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
     scenario::Scenario,
@@ -33,8 +33,9 @@ pub(crate) struct RunArguments {
     /// The mission: a TOML file, or the name of a shipped scenario (separated, mixed)
     #[arg(long, default_value = "separated", value_name = "FILE")]
     scenario: PathBuf,
-    /// Who decides: straight-line, fixed, search (the mission of `host-sim bound`), or a file
-    #[arg(long, default_value = "straight-line")]
+    /// Who decides: shipped (the policy that was trained for a shipped scenario), straight-line,
+    /// fixed, search, or a file that ends in .onnx or .policy
+    #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
     /// How the powers of a slot are chosen: exact, alternating (the paper's Alg. 1), or its
     /// comparison schemes fixed-user-power[:WATTS] and fixed-sensor-power[:WATTS] (without
@@ -80,13 +81,13 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
 /// Flies, writes, prints.
 pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.scenario)?;
-    let policy = host_sim::policy::HostPolicy::load(&arguments.policy, &scenario)
-        .map_err(Failure::bad_input)?;
+    let (policy, policy_name) =
+        HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
     report::prepare(&arguments.out).map_err(|error| {
         Failure::bad_input(format!("--out {}: {error}", arguments.out.display()))
     })?;
     let settings = FlightSettings {
-        policy: arguments.policy.to_string(),
+        policy: policy_name,
         inner: arguments.inner,
         profile: arguments.profile,
         pace: arguments.speed,

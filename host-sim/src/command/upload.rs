@@ -41,10 +41,11 @@ pub(crate) struct UploadArguments {
 /// Plans on the ideal vehicle, uploads, reads back, and starts if asked.
 pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.autopilot.scenario)?;
-    let policy = HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
+    let (policy, policy_name) =
+        HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
     let (mut session, mut client) = arguments.autopilot.connect(&scenario)?;
     let settings = FlightSettings {
-        policy: arguments.policy.to_string(),
+        policy: policy_name,
         inner: Allocation::Exact,
         profile: Profile::Ideal,
         pace: Pace::Max,
