@@ -308,6 +308,10 @@ impl<T: Scalar> Disc<T> {
     }
 }
 
+/// How exactly a vehicle's position is measured at best, metres: MAVLink carries it in single
+/// precision. Discs that are no further apart than this are not worth a report.
+const MEASUREMENT_M: f64 = 1e-3;
+
 /// The slack that rounding of positions is allowed, metres: a few units in the last place of
 /// the largest length at hand, 4 picometres per kilometre in double and 2 mm in single precision.
 /// The constraints of a mission hold up to it, however many slots it has.
@@ -349,8 +353,10 @@ pub fn admissible_waypoint<T: Scalar>(
             let towards = home.center - from;
             let distance = towards.norm();
             let gap = distance - reach_m - home.radius_m;
-            changed.out_of_reach = gap > set.rounding_m || !set.area.contains(&from);
-            let waypoint = if !changed.out_of_reach {
+            let outside = !set.area.contains(&from);
+            changed.out_of_reach = gap > set.rounding_m.max(T::of(MEASUREMENT_M)) || outside;
+            changed.displacement |= !changed.out_of_reach;
+            let waypoint = if gap <= set.rounding_m && !outside {
                 // On a mission without a metre to spare the discs only touch, and rounding
                 // parts them. Landing on the border itself keeps it from adding up.
                 home.border_towards(&from)

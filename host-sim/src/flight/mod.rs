@@ -15,8 +15,10 @@ mod peer;
 use std::time::Instant as WallInstant;
 
 use firmware_core::{
-    SENSORS_MAX, USERS_MAX,
-    autopilot::{self, Autopilot, Phase, SettingsError, frames::Geodetic, wire::MAX_FRAME},
+    Displacement, Position, SENSORS_MAX, USERS_MAX,
+    autopilot::{
+        self, Autopilot, Geofence, Phase, SettingsError, frames::Geodetic, wire::MAX_FRAME,
+    },
     controller::Controller,
     link::FRAME_MAX,
     onboard::{Activity, Fault, Onboard, Probe, Settings, Stage},
@@ -40,6 +42,9 @@ pub use peer::Peer;
 
 /// How long an autopilot's first heartbeat is waited for.
 const CONNECT_PATIENCE: Instant = Instant::from_micros(30_000_000);
+
+/// How far around the mission's area the geofence lies: a vehicle that far outside is landed.
+const FENCE_MARGIN_M: f64 = 50.0;
 
 /// How a mission is flown.
 #[derive(Clone, Debug)]
@@ -154,8 +159,15 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
         // The mission's own speed limit (eq:traj1) holds between way-points, too.
         limits.speed_mps = limits.speed_mps.min(p.max_speed_mps);
     }
+    let around = Displacement::new(FENCE_MARGIN_M, FENCE_MARGIN_M);
+    let fence = Geofence {
+        low: Position::origin() - around,
+        high: Position::new(p.area.east_m, p.area.north_m) + around,
+        ceiling_m: p.altitude_m + FENCE_MARGIN_M,
+    };
     autopilot::Settings {
         limits,
+        geofence: Some(fence),
         ..autopilot::Settings::new(map_origin(scenario), p.start, p.altitude_m, p.max_speed_mps)
     }
 }
