@@ -213,6 +213,31 @@ fn is_idle(error: &io::Error) -> bool {
     )
 }
 
+/// How often a socket is asked whether something came.
+const ASK_EVERY: Duration = Duration::from_micros(200);
+
+/// Asks a non-blocking socket until it has something, or `timeout` has passed: `Ok(None)`. A
+/// socket's own time-out is rounded up to ticks of the kernel (8 ms where this was measured),
+/// which is too coarse for a loop that looks every 2 ms.
+fn patiently<T>(
+    timeout: Duration,
+    mut attempt: impl FnMut() -> io::Result<T>,
+) -> io::Result<Option<T>> {
+    let begin = std::time::Instant::now();
+    loop {
+        match attempt() {
+            Ok(value) => return Ok(Some(value)),
+            Err(error) if is_idle(&error) => {}
+            Err(error) => return Err(error),
+        }
+        let left = timeout.saturating_sub(begin.elapsed());
+        if left.is_zero() {
+            return Ok(None);
+        }
+        std::thread::sleep(left.min(ASK_EVERY));
+    }
+}
+
 /// The longest piece that is received at once.
 const PIECE: usize = 4096;
 

@@ -4,7 +4,7 @@ use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-use super::{BackOff, HostPort, Link, PIECE, is_idle};
+use super::{BackOff, HostPort, Link, PIECE, patiently};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -76,23 +76,23 @@ impl Link for TcpOut {
             std::thread::sleep(timeout.min(BackOff::FIRST));
             return Ok(false);
         };
-        stream.set_read_timeout(Some(timeout.max(Duration::from_micros(1))))?;
         buffer.resize(PIECE, 0);
-        match stream.read(buffer) {
-            Ok(0) => {
-                buffer.clear();
-                self.broken();
-                Ok(false)
-            }
-            Ok(length) => {
+        // Writing blocks, for at most its time-out; reading does not.
+        stream.set_nonblocking(true)?;
+        let received = patiently(timeout, || stream.read(buffer));
+        stream.set_nonblocking(false)?;
+        match received {
+            Ok(Some(length)) if length > 0 => {
                 buffer.truncate(length);
                 Ok(true)
             }
-            Err(error) => {
+            Ok(None) => {
                 buffer.clear();
-                if !is_idle(&error) {
-                    self.broken();
-                }
+                Ok(false)
+            }
+            Ok(Some(_)) | Err(_) => {
+                buffer.clear();
+                self.broken();
                 Ok(false)
             }
         }

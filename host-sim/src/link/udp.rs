@@ -4,7 +4,7 @@ use std::io;
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::time::{Duration, Instant};
 
-use super::{HostPort, Link, PIECE, is_idle};
+use super::{HostPort, Link, PIECE, is_idle, patiently};
 
 /// Somebody who was not heard for this long is no longer answered.
 const PEER_TIMEOUT: Duration = Duration::from_secs(30);
@@ -27,13 +27,16 @@ fn receive_datagram(
     buffer: &mut Vec<u8>,
     timeout: Duration,
 ) -> io::Result<Option<SocketAddr>> {
-    // A zero time-out would mean to wait for ever.
-    socket.set_read_timeout(Some(timeout.max(Duration::from_micros(1))))?;
     buffer.resize(PIECE, 0);
-    match socket.recv_from(buffer) {
-        Ok((length, from)) => {
+    let received = patiently(timeout, || socket.recv_from(buffer));
+    match received {
+        Ok(Some((length, from))) => {
             buffer.truncate(length);
             Ok(Some(from))
+        }
+        Ok(None) => {
+            buffer.clear();
+            Ok(None)
         }
         Err(error) => {
             buffer.clear();
@@ -41,11 +44,7 @@ fn receive_datagram(
                 error.kind(),
                 io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset
             );
-            if is_idle(&error) || absent {
-                Ok(None)
-            } else {
-                Err(error)
-            }
+            if absent { Ok(None) } else { Err(error) }
         }
     }
 }
@@ -86,6 +85,7 @@ impl UdpOut {
             ([0u16; 8], 0).into()
         };
         let socket = UdpSocket::bind(any)?;
+        socket.set_nonblocking(true)?;
         Ok(Self { socket, to })
     }
 }
@@ -123,6 +123,7 @@ impl UdpIn {
         let socket = UdpSocket::bind(address).map_err(|error| {
             io::Error::new(error.kind(), format!("cannot listen at udp {at}: {error}"))
         })?;
+        socket.set_nonblocking(true)?;
         Ok(Self {
             socket,
             peers: Vec::new(),
