@@ -15,7 +15,7 @@
 //! [`allocate_predicted`](Controller::allocate_predicted) uses the channel model at the measured
 //! position and says so.
 //!
-//! Worst case per slot: `plan` is the policy plus 31 shield candidates; `allocate` is `M + J`
+//! Worst case per slot: `plan` is the policy plus 29 shield candidates; `allocate` is `M + J`
 //! checks and one slot solution, `O(J log J)` by the default
 //! [`Method`].
 

@@ -307,13 +307,15 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
 
 impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
     fn check_numbers(&self) -> Result<(), MissionError<T>> {
+        // Far beyond anything that flies, and near enough for squares to stay finite in f32.
+        let within = |parameter, value: T, low: f64, high: f64, expected| {
+            let holds = value >= T::of(low) && value <= T::of(high);
+            in_range(parameter, value, holds, expected)
+        };
         let positive = |parameter, value: T| {
-            in_range(
-                parameter,
-                value,
-                value > T::zero(),
-                "a finite number above 0",
-            )
+            let expected = "a number above 0 and at most 1000000";
+            let holds = value > T::zero() && value <= T::of(1e6);
+            in_range(parameter, value, holds, expected)
         };
         if self.slots == 0 || self.slots > SLOTS_MAX {
             return Err(MissionError::OutOfRange {
@@ -322,12 +324,30 @@ impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
                 expected: "a whole number from 1 to 100000",
             });
         }
-        positive(Parameter::SlotDuration, self.slot_duration_s)?;
+        within(
+            Parameter::SlotDuration,
+            self.slot_duration_s,
+            0.1,
+            3600.0,
+            "from 0.1 to 3600 s",
+        )?;
         positive(Parameter::Area, self.area.east_m)?;
         positive(Parameter::Area, self.area.north_m)?;
-        positive(Parameter::Altitude, self.altitude_m)?;
+        within(
+            Parameter::Altitude,
+            self.altitude_m,
+            1.0,
+            20_000.0,
+            "from 1 to 20000 m",
+        )?;
         positive(Parameter::MaxSpeed, self.max_speed_mps)?;
-        positive(Parameter::Carrier, self.carrier_hz)?;
+        within(
+            Parameter::Carrier,
+            self.carrier_hz,
+            1e6,
+            1e12,
+            "from 1e6 to 1e12 Hz",
+        )?;
         in_range(
             Parameter::NoisePower,
             self.noise_power.0,

@@ -15,8 +15,8 @@
 //! user, and is reported.
 //!
 //! `F_n` is the intersection of two discs and a rectangle. The nearest point of such a set lies
-//! inside, or is the nearest point of one border, or a corner where two borders meet: at most 31
-//! candidates, each checked. Worst case: 31 candidates times 6 constraints, no iteration.
+//! inside, or is the nearest point of one border, or a corner where two borders meet: at most 29
+//! candidates, each checked. Worst case: 29 candidates times 6 constraints, no iteration.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -178,7 +178,7 @@ impl<T: Scalar> ReachableSet<T> {
         agility: &Agility<T>,
     ) -> Self {
         let mut set = Self::of_slot(mission, slot, from);
-        if !agility.gain_m.finite() {
+        if !agility.gain_m.finite() && agility.reach_m >= mission.reach_m() {
             return set;
         }
         let Rectangle {

@@ -26,6 +26,27 @@ pub enum Allocation {
 }
 
 impl Allocation {
+    /// Whether a mission allows it: fixed powers lie within the mission's limits.
+    ///
+    /// # Errors
+    /// A power above its limit, with both values.
+    pub fn check(self, mission: &HostMission) -> Result<(), String> {
+        let p = mission.parameters();
+        let (power, limit, what) = match self {
+            Self::FixedUserPower(Some(power)) => (power, p.user_power_max.0, "users.power_max_w"),
+            Self::FixedSensorPower(Some(power)) => {
+                (power, p.sensor_power_max.0, "aircomp.sensor_power_max_w")
+            }
+            _ => return Ok(()),
+        };
+        if power <= limit {
+            return Ok(());
+        }
+        Err(format!(
+            "--inner {self}: {power} W is above {what} = {limit} W"
+        ))
+    }
+
     /// The method for a mission.
     pub fn method(self, mission: &HostMission) -> Method<f64> {
         let p = mission.parameters();

@@ -253,7 +253,8 @@ impl<'a> Slot<'a> {
     /// Into the bounds, with the sums, and nobody served.
     fn silent(&self, mut amplitude: Vec<f64>) -> Point {
         for (y, &a) in amplitude.iter_mut().zip(&self.amplitude) {
-            *y = y.clamp(0.0, a);
+            // Not `clamp`, which panics where an amplitude overflowed to NaN.
+            *y = y.max(0.0).min(a);
         }
         Point {
             sum: amplitude.iter().sum(),
@@ -431,6 +432,12 @@ impl<'a> Slot<'a> {
             }
         };
         let kept = point.efficiency() / self.kappa >= (1.0 + point.sinr()) * (1.0 - 1e-12);
+        // A "solved" whose point does not keep the threshold is none.
+        let outcome = if kept || outcome == Outcome::Infeasible {
+            outcome
+        } else {
+            Outcome::SolverFailed(SolverStatus::NumericalError)
+        };
         let feasible = kept && outcome != Outcome::Infeasible;
         let signal = if feasible { point.signal } else { 0.0 };
         let power = if self.user_gain > 0.0 {

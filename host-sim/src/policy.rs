@@ -121,13 +121,13 @@ impl HostPolicy {
         let mission = &scenario.mission;
         let policy = match choice {
             PolicyChoice::Shipped => {
-                return match shipped(scenario) {
-                    Some((name, file)) => {
-                        let policy = Self::from_file(Path::new(name), file.to_vec(), scenario)?;
-                        Ok((policy, name.into()))
+                if let Some((name, file)) = shipped(scenario) {
+                    // The same ground at another speed, say, is no mission of that policy.
+                    if let Ok(policy) = Self::from_file(Path::new(name), file.to_vec(), scenario) {
+                        return Ok((policy, name.into()));
                     }
-                    None => Self::load(&PolicyChoice::StraightLine, scenario),
-                };
+                }
+                return Self::load(&PolicyChoice::StraightLine, scenario);
             }
             PolicyChoice::StraightLine => Self::StraightLine(StraightLine::new(mission)),
             PolicyChoice::Fixed => Self::Fixed(FixedPosition::central(mission)),
@@ -176,7 +176,7 @@ impl HostPolicy {
     }
 
     /// What a trained policy was trained for.
-    fn provenance(&self) -> Option<&Provenance> {
+    pub fn provenance(&self) -> Option<&Provenance> {
         match self {
             Self::StraightLine(_) | Self::Fixed(_) | Self::Search(_) => None,
             Self::Mlp(policy) => Some(policy.provenance()),

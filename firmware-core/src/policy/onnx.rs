@@ -169,7 +169,11 @@ impl OnnxPolicy {
     fn run(&mut self, observation: impl Iterator<Item = f32>) -> TractResult<TVec<TValue>> {
         let input = Arc::make_mut(&mut self.input);
         let mut view = input.try_as_plain_ram_mut()?;
-        for (slot, x) in view.as_slice_mut::<f32>()?.iter_mut().zip(observation) {
+        for (slot, x) in view
+            .as_slice_mut::<f32>()?
+            .iter_mut()
+            .zip(observation.chain(core::iter::repeat(0.0)))
+        {
             *slot = x;
         }
         self.state

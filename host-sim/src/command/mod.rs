@@ -19,6 +19,8 @@ pub(crate) enum Failure {
     BadInput(String),
     /// It was tried and failed: exit code 1.
     Failed(String),
+    /// Whoever read our output has had enough, which is no failure.
+    NobodyReads,
 }
 
 impl Failure {
@@ -35,6 +37,7 @@ impl Failure {
     /// Prints the line and gives the exit code.
     pub(crate) fn report(self) -> ExitCode {
         let (problem, code) = match self {
+            Self::NobodyReads => return ExitCode::SUCCESS,
             Self::BadInput(problem) => (problem, 2),
             Self::Failed(problem) => (problem, 1),
         };
@@ -45,6 +48,9 @@ impl Failure {
 
 impl From<io::Error> for Failure {
     fn from(error: io::Error) -> Self {
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            return Self::NobodyReads;
+        }
         Self::failed(error)
     }
 }

@@ -33,8 +33,8 @@ pub(crate) struct RunArguments {
     /// The mission: a TOML file, or the name of a shipped scenario (separated, mixed)
     #[arg(long, default_value = "separated", value_name = "FILE")]
     scenario: PathBuf,
-    /// Who decides: shipped (the policy that was trained for a shipped scenario), straight-line,
-    /// fixed, search, or a file that ends in .onnx or .policy
+    /// Who decides: shipped (the policy that was trained for a shipped scenario; straight-line for
+    /// any other), straight-line, fixed, search, or a file that ends in .onnx or .policy
     #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
     /// How the powers of a slot are chosen: exact, alternating (the paper's Alg. 1), or its
@@ -42,7 +42,7 @@ pub(crate) struct RunArguments {
     /// WATTS the scenario's largest power)
     #[arg(long, default_value = "exact", value_name = "METHOD")]
     inner: Allocation,
-    /// Which vehicle
+    /// Which vehicle: ideal, multirotor, arducopter or px4
     #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
     profile: Profile,
     /// Where the vehicle is: builtin, udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or
@@ -83,9 +83,11 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.scenario)?;
     let (policy, policy_name) =
         HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
-    report::prepare(&arguments.out).map_err(|error| {
-        Failure::bad_input(format!("--out {}: {error}", arguments.out.display()))
-    })?;
+    if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
+        eprintln!("no trained policy is shipped for this scenario: {policy_name} flies");
+    }
+    report::prepare(&arguments.out)
+        .map_err(|error| Failure::bad_input(format!("--out: {error}")))?;
     let settings = FlightSettings {
         policy: policy_name,
         inner: arguments.inner,
@@ -143,7 +145,26 @@ fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failu
         )?;
         writeln!(stdout, "report: {}", out.join("report.html").display())?;
     }
-    Ok(())
+    if summary.mse_violations > 0 {
+        eprintln!(
+            "warning: the average was less accurate than asked in {} of {} slots",
+            summary.mse_violations, summary.slots
+        );
+    }
+    if summary.arrived && summary.fair && summary.constraint_violations == 0 {
+        return Ok(());
+    }
+    Err(Failure::failed(format!(
+        "flown to the end, but {}: {:.1} m from the destination, {} constraints broken; a vehicle \
+         that is slower than the mission asks cannot do better (docs/sitl.md, host-sim doctor)",
+        if summary.arrived {
+            "not as asked"
+        } else {
+            "not arrived"
+        },
+        summary.arrival_distance_m,
+        summary.constraint_violations
+    )))
 }
 
 /// A progress bar over slots on a terminal, and ctrl-C.

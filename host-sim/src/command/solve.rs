@@ -20,7 +20,8 @@ pub(crate) struct SolveArguments {
     /// The arithmetic of the solver
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
-    /// Slot problems, a JSON object a line; standard input without
+    /// Slot problems, a JSON object a line; standard input without. A line that is none is
+    /// answered with {"error": ..}, and the exit code stays 0
     file: Option<PathBuf>,
 }
 

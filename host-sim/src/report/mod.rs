@@ -45,10 +45,12 @@ pub use table::{Look, table};
 
 /// The file that is written last.
 const SUMMARY: &str = "summary.json";
+/// All of them; the one that says that a report is whole goes first.
+const FILES: [&str; 4] = [SUMMARY, "report.html", "slots.csv", "map.svg"];
 
 /// Makes a folder ready for a report, before the flight that is to fill it: creates it, sees
-/// that files can be written, and removes an earlier run's `summary.json`, so that it does not
-/// look complete until [`write`] is done.
+/// that files can be written, and removes an earlier run's report, so that a flight that fails
+/// does not look like the one before.
 ///
 /// # Errors
 /// The folder is a file, or cannot be created or written to; the message names it.
@@ -65,10 +67,16 @@ pub fn prepare(folder: &Path) -> io::Result<()> {
     let probe = folder.join(partial(SUMMARY));
     fs::write(&probe, "").map_err(named)?;
     fs::remove_file(&probe).map_err(named)?;
-    match fs::remove_file(folder.join(SUMMARY)) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(named(error)),
-        _ => Ok(()),
+    for file in FILES {
+        let path = folder.join(file);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                return Err(name(&path, error));
+            }
+            _ => {}
+        }
     }
+    Ok(())
 }
 
 /// Writes the report of a flight into a folder, over an earlier one, and gives the summary that

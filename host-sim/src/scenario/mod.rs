@@ -44,7 +44,7 @@ pub struct Scenario {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    /// Degrees north, -90 to 90.
+    /// Degrees north, -89 to 89.
     pub latitude_deg: f64,
     /// Degrees east, -180 to 180.
     pub longitude_deg: f64,
@@ -191,6 +191,9 @@ impl Scenario {
         let mission = Mission::new(file.parameters()?).map_err(|error| error.to_string())?;
         file.origin.check()?;
         file.sensing.check(mission.sensor_count())?;
+        if file.sensing.measurements_csv.is_none() {
+            file.sensing.check_measurements(&mission)?;
+        }
         Ok(Self {
             name: name.into(),
             mission,
@@ -246,6 +249,7 @@ impl Scenario {
         change(&mut file);
         let mut scenario = Self::from_file(&self.name, file)?;
         scenario.sensing = self.sensing.clone();
+        scenario.sensing.check_measurements(&scenario.mission)?;
         Ok(scenario)
     }
 }

@@ -174,20 +174,34 @@ impl Sensing {
         let rows = read_csv(&path, mission).map_err(|problem| {
             format!("sensing.measurements_csv: {}: {problem}", path.display())
         })?;
-        if self.function == Function::GeometricMean {
-            for (row, values) in rows.iter().enumerate() {
-                if let Some(column) = values.iter().position(|value| *value <= 0.0) {
-                    return Err(format!(
-                        "sensing.measurements_csv: {}: row {}, column {} is {}, but must be above 0 for a geometric mean",
-                        path.display(),
-                        row + 1,
-                        column + 1,
-                        values[column]
-                    ));
-                }
+        self.measurements = Some(rows);
+        self.check_measurements(mission)
+            .map_err(|problem| format!("sensing.measurements_csv: {}: {problem}", path.display()))
+    }
+
+    /// Checks the numbers themselves, wherever they come from: as many slots as the mission has,
+    /// and above 0 for a geometric mean.
+    pub(super) fn check_measurements(&self, mission: &HostMission) -> Result<(), String> {
+        let rows = self.measurements(mission);
+        let slots = mission.slots() as usize;
+        if rows.len() != slots {
+            return Err(format!(
+                "{} rows of measurements, but the mission has {slots} slots",
+                rows.len()
+            ));
+        }
+        if self.function != Function::GeometricMean {
+            return Ok(());
+        }
+        for (row, values) in rows.iter().enumerate() {
+            if let Some(column) = values.iter().position(|value| *value <= 0.0) {
+                return Err(format!(
+                    "slot {}, sensor {column} measures {}, but a geometric mean needs numbers above 0",
+                    row + 1,
+                    values[column]
+                ));
             }
         }
-        self.measurements = Some(rows);
         Ok(())
     }
 
@@ -235,13 +249,6 @@ fn read_csv(path: &Path, mission: &HostMission) -> Result<Vec<Vec<f64>>, String>
             }
         }
         rows.push(values);
-    }
-    let slots = mission.slots() as usize;
-    if rows.len() != slots {
-        return Err(format!(
-            "{} rows of measurements, but the mission has {slots} slots",
-            rows.len()
-        ));
     }
     Ok(rows)
 }

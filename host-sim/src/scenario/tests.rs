@@ -39,7 +39,7 @@ fn errors_name_field_value_and_what_is_right() {
         (
             "power_max_w = 0.2",
             "power_max_w = -0.2",
-            "users.power_max_w is -0.2, but must be a finite number above 0",
+            "users.power_max_w is -0.2, but must be a number above 0 and at most 1000000",
         ),
         (
             "start_m = [50.0, 50.0]",

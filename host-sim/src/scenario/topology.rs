@@ -1,7 +1,10 @@
 //! Makes scenarios: Table I's parameters on a random layout.
 
 use clap::ValueEnum;
-use firmware_core::mission::{Environment, ExcessLoss};
+use firmware_core::{
+    SENSORS_MAX, USERS_MAX,
+    mission::{Environment, ExcessLoss},
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
@@ -35,6 +38,17 @@ pub fn generate(
     users: usize,
     sensors: usize,
 ) -> Result<Scenario, String> {
+    // Before anything is drawn: a number of terabytes is no layout.
+    for (what, count, most) in [
+        ("users", users, USERS_MAX),
+        ("sensors", sensors, SENSORS_MAX),
+    ] {
+        if count > most {
+            return Err(format!(
+                "{what}.positions_m has {count} entries, but the controller holds at most {most}"
+            ));
+        }
+    }
     let (user_ground, sensor_ground): (Rectangle, Rectangle) = match topology {
         Topology::Separated => (
             [[50.0, 450.0], [550.0, 950.0]],
