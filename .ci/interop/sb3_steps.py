@@ -1,6 +1,6 @@
 """Stable-Baselines3's SAC gradient steps per second, one thread, beside `cargo bench -p trainer`.
 
-    pip install torch --index-url https://download.pytorch.org/whl/cpu
+    pip install torch
     pip install stable-baselines3==2.9.0
     python3 sb3_steps.py
 
