@@ -198,7 +198,7 @@ impl<T: Scalar> Pace<T> {
         let Some((from, waypoint)) = self.leg else {
             return;
         };
-        let nearly_all = self.reach_m * T::of(0.9);
+        let nearly_all = self.reach_m * T::of(0.99);
         let flown_m = (measured - from).norm().min(self.reach_m);
         self.held_m = self.held_m.max(flown_m);
         if (waypoint - from).norm() < nearly_all || flown_m >= nearly_all {
@@ -501,5 +501,36 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             .ok()?;
         self.fairness
             .best(|user| field.rate(state.user_gains[user]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{policy::FixedPosition, test_missions::table_one};
+
+    /// Where a vehicle that makes at most `most_m` a slot ends a mission that hovers over the
+    /// middle for as long as the shield lets it.
+    fn destination_missed_m(most_m: f64) -> (f64, bool) {
+        let mission = table_one::<f64>();
+        let policy = FixedPosition::central(&mission);
+        let mut controller = Controller::new(mission.clone(), policy);
+        let mut here = mission.parameters().start;
+        while let Ok(plan) = controller.plan(here) {
+            let way = plan.waypoint - here;
+            here += way * (most_m / way.norm()).min(1.0);
+            controller.allocate_predicted(&here).expect("under way");
+        }
+        let missed_m = (here - mission.parameters().destination).norm();
+        (missed_m, controller.has_arrived(&here))
+    }
+
+    /// The shield learns on the way out how fast the vehicle is, and brings it home in time.
+    #[test]
+    fn a_vehicle_slower_than_promised_still_arrives() {
+        for most_m in [30.0, 27.5, 26.0, 24.0] {
+            let (missed_m, arrived) = destination_missed_m(most_m);
+            assert!(arrived, "{most_m} m a slot: {missed_m} m away");
+        }
     }
 }
