@@ -23,7 +23,10 @@ use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{
         Autopilot, Leg, LegEnd, LegError, Phase,
-        wire::{self, FrameBuffer},
+        wire::{
+            self, FrameBuffer,
+            signing::{Signer, Verifier},
+        },
     },
     controller::{ChannelState, Controller, ControllerError, SlotCommand},
     link::{self, Arrival, Decoder, LinkCounters, Message},
@@ -190,6 +193,22 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     /// What came over MAVLink.
     pub fn mavlink_counters(&self) -> wire::Counters {
         self.mavlink_in.counters()
+    }
+
+    /// Signs every MAVLink frame from now on, and takes only those that are rightly signed.
+    pub fn sign_with(&mut self, signer: Signer, verifier: Verifier) {
+        self.mavlink_out.sign_with(signer);
+        self.mavlink_in.require_signatures(verifier);
+    }
+
+    /// Sets the clock of signatures, microseconds since 1970; it never goes back.
+    pub fn set_signing_time(&mut self, unix_us: u64) {
+        if let Some(signer) = self.mavlink_out.signer_mut() {
+            signer.set_time(unix_us);
+        }
+        if let Some(verifier) = self.mavlink_in.verifier_mut() {
+            verifier.set_time(unix_us);
+        }
     }
 
     /// When [`poll`](Self::poll) next has something to do, if nothing is received before.
