@@ -121,7 +121,7 @@ pub fn bisect(
     let scale = slot.scale();
     let mut best = slot.with_signal(peak.amplitude.clone());
     let (mut low, mut high) = (best.sinr(), slot.gains.len() as f64 / slot.kappa - 1.0);
-    let mut outcome = Outcome::Solved;
+    let mut failure = None;
     for _ in 0..BISECTIONS_MAX {
         if high - low <= SINR_TOLERANCE * high {
             break;
@@ -141,10 +141,15 @@ pub fn bisect(
         if best.sinr() < sinr {
             high = sinr;
             if !(is_solution(status) || is_infeasible(status)) {
-                outcome = Outcome::SolverFailed(status);
+                failure = Some(status);
             }
         }
     }
+    let outcome = match failure {
+        Some(status) => Outcome::SolverFailed(status),
+        None if high - low <= SINR_TOLERANCE * high => Outcome::Solved,
+        None => Outcome::IterationLimit,
+    };
     slot.report(outcome, &best, &peak, solves)
 }
 

@@ -104,6 +104,8 @@ pub enum Finding {
     IterationLimit,
     /// `Gamma` cannot be met.
     Infeasible,
+    /// The convex solver gave up: the best point that it had reached, its constraints verified.
+    SolverFailed,
 }
 
 /// What became of the lines.
@@ -262,12 +264,7 @@ impl Problem {
             conic::Outcome::Solved => rested,
             conic::Outcome::IterationLimit => Finding::IterationLimit,
             conic::Outcome::Infeasible => Finding::Infeasible,
-            conic::Outcome::SolverFailed(status) => {
-                return Err(LineError::Input(format!(
-                    "Clarabel ended with {status:?} after {} solves, the best rate was {}",
-                    report.solves, report.rate
-                )));
-            }
+            conic::Outcome::SolverFailed(_) => Finding::SolverFailed,
         };
         let mse = aircomp::Slot {
             sensor_gains: &gains,
@@ -277,8 +274,13 @@ impl Problem {
             noise_power: limits.noise_power,
         }
         .mse(report.normalizing_factor);
+        let feasible = match status {
+            Finding::Infeasible => false,
+            Finding::SolverFailed => mse <= limits.mse_threshold,
+            _ => true,
+        };
         Ok(Answer {
-            feasible: status != Finding::Infeasible,
+            feasible,
             rate: report.rate,
             mse,
             limited_by: report.limited_by,
