@@ -11,13 +11,13 @@
 
 use std::{fmt::Write as _, fs, hint::black_box, path::PathBuf, time::Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, ensure};
 use clap::Parser;
 use firmware_core::{
     Position, PowerGain, SENSORS_MAX, Watt,
     inner::{SlotLimits, Workspace, alternating},
 };
-use host_sim::{conic, scenario::Scenario, solve::Problem};
+use host_sim::{conic, document, scenario::Scenario, solve::Problem};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
@@ -409,18 +409,6 @@ fn check(rows: &[(&str, Vec<Outcome>)]) -> Result<()> {
     Ok(())
 }
 
-/// Replaces what stands between `<!-- NAME -->` and `<!-- /NAME -->`.
-fn replace(document: &str, name: &str, text: &str) -> Result<String> {
-    let (open, close) = (format!("<!-- {name} -->"), format!("<!-- /{name} -->"));
-    let (before, rest) = document
-        .split_once(&open)
-        .with_context(|| format!("no {open}"))?;
-    let (_, after) = rest
-        .split_once(&close)
-        .with_context(|| format!("no {close}"))?;
-    Ok(format!("{before}{open}\n{text}{close}{after}"))
-}
-
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let slots = random_slots(arguments.slots, arguments.seed)?;
@@ -462,10 +450,9 @@ fn main() -> Result<()> {
     let corners = corner_table(&corners(&slots)?)?;
     match &arguments.write {
         Some(path) => {
-            let document = fs::read_to_string(path).with_context(|| path.display().to_string())?;
-            let document = replace(&document, "random slots", &random)?;
-            let document = replace(&document, "corners", &corners)?;
-            fs::write(path, document).with_context(|| path.display().to_string())?;
+            for (name, table) in [("random slots", &random), ("corners", &corners)] {
+                document::write_table(path, name, table).map_err(Error::msg)?;
+            }
         }
         None => println!("{random}\n{corners}"),
     }

@@ -12,11 +12,13 @@
 //! | [`search`] | a mission that comes close to it |
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`] | what a flight leaves behind |
+//! | [`document`] | tables that commands write into documents |
 
 pub mod allocation;
 pub mod bound;
 pub mod conic;
 pub mod doctor;
+pub mod document;
 pub mod flight;
 pub mod interrupt;
 pub mod link;

@@ -38,7 +38,7 @@ fn nonsense_is_refused_in_one_line() {
         (&["--gap", "NaN"], "--gap is NaN"),
         (
             &["--mse-threshold", "0.03"],
-            "aircomp.mse_threshold is 0.03",
+            "separated with --mse-threshold 0.03: aircomp.mse_threshold is 0.03",
         ),
         (&["--slots", "100000"], "fewer slots"),
     ];

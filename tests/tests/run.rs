@@ -148,3 +148,19 @@ fn the_same_seed_gives_the_same_bytes() {
     assert_ne!(summaries[0][ratio], summaries[2][ratio]);
     assert_eq!(summaries[0]["sum_rate"], summaries[2]["sum_rate"]);
 }
+
+/// A policy trained at one threshold, noise and length flies at another as asked.
+#[test]
+fn the_scenario_can_be_changed_from_the_command_line() {
+    let folder = tempdir().unwrap();
+    let changes = ["--mse-threshold", "0.025", "--noise-dbm", "-85"];
+    let changed = fly(&folder.path().join("changed"), &changes);
+    assert_sound(&changed);
+    assert_eq!(changed["mse_threshold"], 0.025);
+    assert_eq!(changed["policy"], "separated-sac.onnx");
+    let plain = fly(&folder.path().join("plain"), &["--mse-threshold", "0.025"]);
+    let rate = |summary: &Value| summary["sum_rate"].as_f64().unwrap();
+    assert!(rate(&changed) < rate(&plain), "more noise, less rate");
+    let longer = fly(&folder.path().join("longer"), &["--slots", "61"]);
+    assert_eq!(longer["slots"], 61);
+}

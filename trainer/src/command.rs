@@ -7,7 +7,7 @@ use std::{
     process::ExitCode,
 };
 
-use anyhow::{Context, anyhow, ensure};
+use anyhow::{Context, Error, anyhow, ensure};
 use clap::Args;
 use firmware_core::{
     USERS_MAX,
@@ -16,7 +16,7 @@ use firmware_core::{
         mlp::{self, Mlp},
     },
 };
-use host_sim::scenario::Scenario;
+use host_sim::scenario::{Scenario, ScenarioChoice};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
@@ -56,28 +56,10 @@ impl Failure {
 
 type Outcome = Result<(), Failure>;
 
-fn scenario(argument: &Path, mse_threshold: Option<f64>) -> anyhow::Result<Scenario> {
-    let shipped = argument.to_str().and_then(Scenario::shipped);
-    let scenario = match shipped {
-        Some(scenario) => scenario,
-        None => Scenario::load(argument).map_err(|error| anyhow!("{error}"))?,
-    };
-    match mse_threshold {
-        Some(threshold) => scenario
-            .with_mse_threshold(threshold)
-            .map_err(|error| anyhow!("--mse-threshold: {error}")),
-        None => Ok(scenario),
-    }
-}
-
 #[derive(Debug, Args)]
 pub(crate) struct Train {
-    /// Scenario file, or the name of a shipped one
-    #[arg(long, default_value = "separated")]
-    scenario: PathBuf,
-    /// Another MSE threshold than the scenario's
-    #[arg(long, value_name = "GAMMA")]
-    mse_threshold: Option<f64>,
+    #[command(flatten)]
+    mission: ScenarioChoice,
     /// What learns
     #[arg(long, value_enum, default_value = "sac")]
     algorithm: Algorithm,
@@ -145,7 +127,7 @@ impl Train {
     }
 
     fn prepare<L: Learner>(&self) -> anyhow::Result<(Training<L>, PathBuf)> {
-        let scenario = scenario(&self.scenario, self.mse_threshold)?;
+        let scenario = self.mission.load().map_err(Error::msg)?;
         let directory = self.out.clone().unwrap_or_else(|| {
             let algorithm = self.algorithm.name();
             PathBuf::from("out").join(format!("{}-{algorithm}-{}", scenario.name, self.seed))
@@ -239,12 +221,8 @@ impl Convert {
 pub(crate) struct Evaluate {
     /// A .onnx or .policy file, or `straight-line`
     policy: PathBuf,
-    /// Scenario file, or the name of a shipped one
-    #[arg(long, default_value = "separated")]
-    scenario: PathBuf,
-    /// Another MSE threshold than the scenario's
-    #[arg(long, value_name = "GAMMA")]
-    mse_threshold: Option<f64>,
+    #[command(flatten)]
+    mission: ScenarioChoice,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -258,7 +236,7 @@ impl Evaluate {
     }
 
     fn load(&self) -> anyhow::Result<(Scenario, Box<dyn Policy<f64, USERS_MAX>>)> {
-        let scenario = scenario(&self.scenario, self.mse_threshold)?;
+        let scenario = self.mission.load().map_err(Error::msg)?;
         if self.policy == Path::new("straight-line") {
             let policy = Box::new(StraightLine::new(&scenario.mission));
             return Ok((scenario, policy));
@@ -379,7 +357,7 @@ impl Publish {
             .scenario
             .clone()
             .unwrap_or_else(|| PathBuf::from(&progress.scenario));
-        let scenario = scenario(&named, None)?;
+        let scenario = Scenario::named(&named).map_err(Error::msg)?;
         ensure!(
             scenario.digest() == progress.scenario_digest,
             "{} is not the scenario of the run: their digests differ",

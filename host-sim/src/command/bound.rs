@@ -1,29 +1,22 @@
 //! `host-sim bound`.
 
-use std::{io::Write, path::PathBuf};
+use std::io::Write;
 
 use clap::Args;
-use host_sim::bound::{Bound, Settings, certify};
+use host_sim::{
+    bound::{Bound, Settings, certify},
+    scenario::ScenarioChoice,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::{Failure, load_scenario};
+use super::Failure;
 
 /// Bound a mission.
 #[derive(Debug, Args)]
 pub(crate) struct BoundArguments {
-    /// The file, or the name of a shipped scenario: separated, mixed
-    #[arg(long, default_value = "separated")]
-    scenario: PathBuf,
-    /// Another MSE threshold (Gamma) than the scenario's
-    #[arg(long)]
-    mse_threshold: Option<f64>,
-    /// Another noise power than the scenario's, dBm
-    #[arg(long, allow_negative_numbers = true)]
-    noise_dbm: Option<f64>,
-    /// Another number of slots (N) than the scenario's
-    #[arg(long)]
-    slots: Option<u32>,
+    #[command(flatten)]
+    mission: ScenarioChoice,
     /// Stop when (upper - lower) / upper is at most this
     #[arg(long, default_value_t = Settings::default().gap)]
     gap: f64,
@@ -49,19 +42,7 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
             arguments.gap
         )));
     }
-    let mut scenario = load_scenario(&arguments.scenario)?;
-    if let Some(mse_threshold) = arguments.mse_threshold {
-        let changed = scenario.with_mse_threshold(mse_threshold);
-        scenario = changed.map_err(Failure::bad_input)?;
-    }
-    if let Some(noise_dbm) = arguments.noise_dbm {
-        scenario = scenario
-            .with_noise_dbm(noise_dbm)
-            .map_err(Failure::bad_input)?;
-    }
-    if let Some(slots) = arguments.slots {
-        scenario = scenario.with_slots(slots).map_err(Failure::bad_input)?;
-    }
+    let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
     let settings = Settings {
         gap: arguments.gap,
         ..Settings::default()

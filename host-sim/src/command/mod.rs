@@ -57,8 +57,5 @@ impl From<io::Error> for Failure {
 
 /// The scenario that `--scenario` names: a file, or the name of a shipped one.
 pub(crate) fn load_scenario(argument: &Path) -> Result<Scenario, Failure> {
-    if let Some(shipped) = argument.to_str().and_then(Scenario::shipped) {
-        return Ok(shipped);
-    }
-    Scenario::load(argument).map_err(Failure::bad_input)
+    Scenario::named(argument).map_err(Failure::bad_input)
 }

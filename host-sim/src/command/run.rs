@@ -19,20 +19,19 @@ use host_sim::{
     policy::{HostPolicy, PolicyChoice},
     record::{FlightEvent, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
-    scenario::Scenario,
+    scenario::{Scenario, ScenarioChoice},
     vehicle::{Profile, Vehicle},
     world::SYMBOLS_PER_SLOT,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::{Failure, load_scenario};
+use super::Failure;
 
 /// How to fly.
 #[derive(Debug, Args)]
 pub(crate) struct RunArguments {
-    /// The mission: a TOML file, or the name of a shipped scenario (separated, mixed)
-    #[arg(long, default_value = "separated", value_name = "FILE")]
-    scenario: PathBuf,
+    #[command(flatten)]
+    mission: ScenarioChoice,
     /// Who decides: shipped (the policy that was trained for a shipped scenario; straight-line for
     /// any other), straight-line, fixed, search, or a file that ends in .onnx or .policy
     #[arg(long, default_value = "shipped")]
@@ -80,7 +79,7 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
 
 /// Flies, writes, prints.
 pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
-    let scenario = load_scenario(&arguments.scenario)?;
+    let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
     let (policy, policy_name) =
         HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {

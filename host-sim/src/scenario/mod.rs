@@ -4,6 +4,7 @@
 //! names file, field, value and what would be right. The ranges themselves live in
 //! [`firmware_core::mission`], the only place that rejects a mission.
 
+mod choice;
 mod sensing;
 mod topology;
 
@@ -19,6 +20,7 @@ use firmware_core::{
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+pub use choice::{Changes, ScenarioChoice};
 pub use sensing::{Function, Sensing, TemperatureField};
 pub use topology::{Topology, generate};
 
@@ -218,39 +220,6 @@ impl Scenario {
             .iter()
             .map(|byte| format!("{byte:02x}"))
             .collect()
-    }
-
-    /// The same scenario with another threshold `Gamma`.
-    ///
-    /// # Errors
-    /// As [`Scenario::parse`].
-    pub fn with_mse_threshold(&self, mse_threshold: f64) -> Result<Self, String> {
-        self.changed(|file| file.aircomp.mse_threshold = mse_threshold)
-    }
-
-    /// The same scenario with another noise power, dBm.
-    ///
-    /// # Errors
-    /// As [`Scenario::parse`].
-    pub fn with_noise_dbm(&self, noise_dbm: f64) -> Result<Self, String> {
-        self.changed(|file| file.radio.noise_dbm = noise_dbm)
-    }
-
-    /// The same scenario with another number of slots.
-    ///
-    /// # Errors
-    /// As [`Scenario::parse`].
-    pub fn with_slots(&self, slots: u32) -> Result<Self, String> {
-        self.changed(|file| file.mission.slots = slots)
-    }
-
-    fn changed(&self, change: impl FnOnce(&mut ScenarioFile)) -> Result<Self, String> {
-        let mut file = self.file.clone();
-        change(&mut file);
-        let mut scenario = Self::from_file(&self.name, file)?;
-        scenario.sensing = self.sensing.clone();
-        scenario.sensing.check_measurements(&scenario.mission)?;
-        Ok(scenario)
     }
 }
 

@@ -125,3 +125,29 @@ fn measurements_come_from_the_csv() {
     let nan = Scenario::load(&path).unwrap_err().to_string();
     assert!(nan.contains("row 1, column 2 is `nan`, but must be a finite number"));
 }
+
+#[test]
+fn changes_are_made_together_and_named_when_wrong() {
+    let mut choice = ScenarioChoice::unchanged("mixed".into());
+    let plain = Scenario::shipped("mixed").unwrap();
+    assert_eq!(choice.load().unwrap(), plain);
+
+    choice.changes.mse_threshold = Some(0.025);
+    choice.changes.noise_dbm = Some(-85.0);
+    choice.changes.slots = Some(70);
+    let loaded = choice.load().unwrap();
+    assert_eq!(loaded.mission.slots(), 70);
+    assert_eq!(loaded.mission.parameters().mse_threshold, 0.025);
+    let in_turn = plain.with_mse_threshold(0.025).unwrap();
+    let in_turn = in_turn.with_noise_dbm(-85.0).unwrap();
+    assert_eq!(loaded, in_turn.with_slots(70).unwrap());
+
+    choice.changes.mse_threshold = Some(0.03);
+    let problem = choice.load().unwrap_err();
+    let asked = "mixed with --mse-threshold 0.03 --noise-dbm -85 --slots 70: ";
+    assert!(problem.starts_with(asked), "{problem}");
+    assert!(
+        problem.contains("aircomp.mse_threshold is 0.03"),
+        "{problem}"
+    );
+}

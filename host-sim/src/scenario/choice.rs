@@ -1,0 +1,129 @@
+//! Which scenario a command is about, the same options wherever one flies, bounds or trains.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::Scenario;
+
+/// A scenario by file or by name, and what is to differ from it.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct ScenarioChoice {
+    /// The mission: a TOML file, or the name of a shipped scenario (separated, mixed)
+    #[arg(long, default_value = "separated", value_name = "FILE")]
+    pub scenario: PathBuf,
+    /// What differs.
+    #[command(flatten)]
+    pub changes: Changes,
+}
+
+/// The parameters over which the paper's figures go, where they differ from a file's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Args)]
+pub struct Changes {
+    /// Another MSE threshold (Gamma) than the scenario's
+    #[arg(long, value_name = "GAMMA")]
+    pub mse_threshold: Option<f64>,
+    /// Another noise power than the scenario's, dBm
+    #[arg(long, value_name = "DBM", allow_negative_numbers = true)]
+    pub noise_dbm: Option<f64>,
+    /// Another number of slots (N) than the scenario's
+    #[arg(long, value_name = "N")]
+    pub slots: Option<u32>,
+}
+
+impl ScenarioChoice {
+    /// A scenario as it is.
+    pub fn unchanged(scenario: PathBuf) -> Self {
+        let changes = Changes::default();
+        Self { scenario, changes }
+    }
+
+    /// The scenario with its changes, all made before it is checked: a threshold and a number of
+    /// slots may be right only together.
+    ///
+    /// # Errors
+    /// One line: as [`Scenario::load`], or the changes that were asked for and what is wrong.
+    pub fn load(&self) -> Result<Scenario, String> {
+        let scenario = Scenario::named(&self.scenario)?;
+        if self.changes == Changes::default() {
+            return Ok(scenario);
+        }
+        scenario.changed(&self.changes).map_err(|problem| {
+            let (file, options) = (self.scenario.display(), self.changes.options());
+            format!("{file} with {options}: {problem}")
+        })
+    }
+}
+
+impl Changes {
+    /// As they are typed.
+    fn options(&self) -> String {
+        let threshold = self.mse_threshold.map(|x| format!("--mse-threshold {x}"));
+        let noise = self.noise_dbm.map(|x| format!("--noise-dbm {x}"));
+        let slots = self.slots.map(|x| format!("--slots {x}"));
+        let typed: Vec<_> = [threshold, noise, slots].into_iter().flatten().collect();
+        typed.join(" ")
+    }
+}
+
+impl Scenario {
+    /// What `--scenario` names: a shipped scenario, or a file.
+    ///
+    /// # Errors
+    /// As [`Scenario::load`], in one line.
+    pub fn named(name: &Path) -> Result<Self, String> {
+        match name.to_str().and_then(Self::shipped) {
+            Some(shipped) => Ok(shipped),
+            None => Self::load(name).map_err(|error| error.to_string()),
+        }
+    }
+
+    /// The same scenario but for the changes.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`].
+    pub fn changed(&self, changes: &Changes) -> Result<Self, String> {
+        let mut file = self.file.clone();
+        let replace = |value: &mut f64, change: Option<f64>| *value = change.unwrap_or(*value);
+        replace(&mut file.aircomp.mse_threshold, changes.mse_threshold);
+        replace(&mut file.radio.noise_dbm, changes.noise_dbm);
+        file.mission.slots = changes.slots.unwrap_or(file.mission.slots);
+        let mut scenario = Self::from_file(&self.name, file)?;
+        scenario.sensing = self.sensing.clone();
+        scenario.sensing.check_measurements(&scenario.mission)?;
+        Ok(scenario)
+    }
+
+    /// The same scenario with another threshold `Gamma`.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`].
+    pub fn with_mse_threshold(&self, mse_threshold: f64) -> Result<Self, String> {
+        self.changed(&Changes {
+            mse_threshold: Some(mse_threshold),
+            ..Changes::default()
+        })
+    }
+
+    /// The same scenario with another noise power, dBm.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`].
+    pub fn with_noise_dbm(&self, noise_dbm: f64) -> Result<Self, String> {
+        self.changed(&Changes {
+            noise_dbm: Some(noise_dbm),
+            ..Changes::default()
+        })
+    }
+
+    /// The same scenario with another number of slots.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`].
+    pub fn with_slots(&self, slots: u32) -> Result<Self, String> {
+        self.changed(&Changes {
+            slots: Some(slots),
+            ..Changes::default()
+        })
+    }
+}
