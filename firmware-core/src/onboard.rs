@@ -12,10 +12,11 @@
 //! ```
 //!
 //! A slot: `plan` from the measured position, fly the leg, report the [`Arrival`], take the
-//! channel state that the ground answers with, `allocate`, send the command; then the next slot.
-//! A slot lasts `delta` plus that exchange. Where no channel state comes within
-//! [`Settings::channel_patience`], the channel model at the measured position stands in, and the
-//! command says so.
+//! channel state that the ground answers with, `allocate`, send the command and a
+//! [`VehicleStatus`]; then the next slot. A slot lasts `delta` plus that exchange. An arrival
+//! that nobody answers is sent again; where no channel state comes within
+//! [`Settings::channel_patience`], the last one, aged, stands in, and the command says how old it
+//! is. Whatever came and was not used is counted.
 
 use serde::{Deserialize, Serialize};
 
@@ -28,10 +29,12 @@ use crate::{
             signing::{Signer, Verifier},
         },
     },
-    controller::{ChannelState, Controller, ControllerError, SlotCommand},
-    link::{self, Arrival, Decoder, LinkCounters, Message},
+    controller::{ChannelSource, ChannelState, Controller, ControllerError, SlotCommand},
+    link::{
+        self, Arrival, Decoder, FRAME_MAX, Message, SlotCounters, VehicleStatus, status::count,
+    },
     policy::Policy,
-    scalar::{Position, Scalar},
+    scalar::Scalar,
     time::{Duration, Instant},
 };
 
@@ -43,12 +46,15 @@ const RELIABLE_SHARE: f64 = 0.5;
 pub struct Settings {
     /// How long the ground may take to answer an arrival.
     pub channel_patience: Duration,
+    /// After how long without an answer the arrival is sent again.
+    pub arrival_interval: Duration,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
             channel_patience: Duration::from_millis(500),
+            arrival_interval: Duration::from_millis(125),
         }
     }
 }
@@ -111,7 +117,8 @@ pub enum Fault {
 #[derive(Clone, Copy, Debug)]
 struct Measuring<T: Scalar> {
     since: Instant,
-    position: Position<T>,
+    arrival: Arrival<T>,
+    repeat_at: Instant,
 }
 
 /// The onboard computer.
@@ -130,6 +137,9 @@ pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SE
     channel_state: Option<ChannelState<T, M, J>>,
     arrival: Option<Arrival<T>>,
     command: Option<SlotCommand<T, J>>,
+    status_due: bool,
+    slots: SlotCounters,
+    mavlink_unreadable: u32,
 }
 
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
@@ -157,6 +167,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             channel_state: None,
             arrival: None,
             command: None,
+            status_due: false,
+            slots: SlotCounters::default(),
+            mavlink_unreadable: 0,
         }
     }
 
@@ -185,14 +198,15 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         &mut self.autopilot
     }
 
-    /// What came over the ground link.
-    pub fn ground_counters(&self) -> &LinkCounters {
-        self.ground_in.counters()
-    }
-
-    /// What came over MAVLink.
-    pub fn mavlink_counters(&self) -> wire::Counters {
-        self.mavlink_in.counters()
+    /// Counters of everything that came, was dropped or was done without.
+    pub fn status(&self) -> VehicleStatus {
+        VehicleStatus {
+            slots_done: self.controller.slots_done(),
+            slots: self.slots,
+            link: *self.ground_in.counters(),
+            mavlink: self.mavlink_in.counters(),
+            mavlink_unreadable: self.mavlink_unreadable,
+        }
     }
 
     /// Signs every MAVLink frame from now on, and takes only those that are rightly signed.
@@ -215,7 +229,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     pub fn poll_at(&self, now: Instant) -> Instant {
         let next = self.autopilot.poll_at(now);
         match &self.measuring {
-            Some(measuring) => next.min(measuring.since + self.settings.channel_patience),
+            Some(measuring) => next
+                .min(measuring.since + self.settings.channel_patience)
+                .min(measuring.repeat_at),
             None => next,
         }
     }
@@ -223,17 +239,18 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     /// Takes bytes from the autopilot's link. With `datagram`, they are one: a truncated frame
     /// at its end is given up.
     pub fn receive_mavlink(&mut self, now: Instant, bytes: &[u8], datagram: bool) {
+        let (autopilot, unreadable) = (&mut self.autopilot, &mut self.mavlink_unreadable);
+        let mut take = |frame: wire::Frame<'_>| match frame.message() {
+            Ok(message) => autopilot.receive(now, frame.sender(), &message),
+            // A value outside an enumeration is no message; the stream goes on.
+            Err(_) => count(unreadable),
+        };
         let mut input = bytes;
         while let Some(frame) = self.mavlink_in.next_frame(&mut input) {
-            // A value outside an enumeration is no message; the stream goes on.
-            if let Ok(message) = frame.message() {
-                self.autopilot.receive(now, frame.sender(), &message);
-            }
+            take(frame);
         }
         while datagram && let Some(frame) = self.mavlink_in.end_of_datagram() {
-            if let Ok(message) = frame.message() {
-                self.autopilot.receive(now, frame.sender(), &message);
-            }
+            take(frame);
         }
     }
 
@@ -250,24 +267,45 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     /// Takes bytes from the ground link.
     pub fn receive_ground(&mut self, now: Instant, bytes: &[u8]) {
         for &byte in bytes {
-            if let Some(Ok(message)) = self.ground_in.push(byte) {
-                self.autopilot.note_ground_link(now);
-                // The other messages are ours to send; an echo of them means nothing.
-                if let Message::ChannelState(state) = message {
-                    self.channel_state = Some(state);
+            let Some(Ok(message)) = self.ground_in.push(byte) else {
+                continue;
+            };
+            self.autopilot.note_ground_link(now);
+            match message {
+                Message::ChannelState(state) => self.take_channel_state(state),
+                Message::Arrival(_) | Message::Command(_) | Message::Status(_) => {
+                    count(&mut self.slots.echoes);
                 }
             }
         }
     }
 
+    /// Keeps a channel state that a slot is waiting for.
+    fn take_channel_state(&mut self, state: ChannelState<T, M, J>) {
+        let wanted = self.measuring.is_some() && self.channel_state.is_none();
+        match self.controller.check_state(&state) {
+            Ok(_) if wanted => self.channel_state = Some(state),
+            Err(ControllerError::WrongSize { .. }) => {
+                count(&mut self.slots.states_of_wrong_size);
+            }
+            _ => count(&mut self.slots.states_out_of_turn),
+        }
+    }
+
     /// The next frame for the ground; call until `None` after every [`poll`](Self::poll).
-    /// `buffer` holds at least [`link::FRAME_MAX`] bytes.
-    pub fn take_ground_frame<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+    pub fn take_ground_frame<'b>(&mut self, buffer: &'b mut [u8; FRAME_MAX]) -> Option<&'b [u8]> {
         // A slot's command before the next slot's arrival.
-        let message: Message<T, M, J> = match self.command.take() {
-            Some(command) => Message::Command(command),
-            None => Message::Arrival(self.arrival.take()?),
+        let message: Message<T, M, J> = if let Some(command) = self.command.take() {
+            Message::Command(command)
+        } else if let Some(arrival) = self.arrival.take() {
+            Message::Arrival(arrival)
+        } else if self.status_due {
+            self.status_due = false;
+            Message::Status(self.status())
+        } else {
+            return None;
         };
+        // Every message fits: `encode` does not compile where one could be too long.
         link::encode(&message, buffer).ok()
     }
 
@@ -329,49 +367,88 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         let Some(&plan) = self.controller.under_way() else {
             return;
         };
-        let position = end.sample.position;
-        self.arrival = Some(Arrival { plan, position });
-        // Whatever came before is about another place.
-        self.channel_state = None;
+        let arrival = Arrival {
+            plan,
+            position: end.sample.position,
+        };
         self.measuring = Some(Measuring {
             since: now,
-            position,
+            arrival,
+            repeat_at: now + self.settings.arrival_interval,
         });
         self.stage = Stage::Measuring;
+        self.report(arrival);
+    }
+
+    fn report(&mut self, arrival: Arrival<T>) {
+        if self.arrival.replace(arrival).is_some() {
+            count(&mut self.slots.unsent);
+        }
     }
 
     /// Allocates once the channel state is there, or has not come for too long.
     fn measure(&mut self, now: Instant, probe: &mut impl Probe) {
-        let Some(measuring) = self.measuring else {
+        let Some(measuring) = &mut self.measuring else {
             return;
         };
+        let arrival = measuring.arrival;
         let overdue = now.since(measuring.since) >= self.settings.channel_patience;
         let state = self.channel_state.take();
         if state.is_none() && !overdue {
+            if now >= measuring.repeat_at {
+                measuring.repeat_at = now + self.settings.arrival_interval;
+                count(&mut self.slots.arrivals_repeated);
+                self.report(arrival);
+            }
             return;
         }
         probe.begin(Activity::Allocate);
         let command = match &state {
             Some(state) => self.controller.allocate(state),
-            None => self.controller.allocate_predicted(&measuring.position),
+            None => self.controller.allocate_predicted(&arrival.position),
         };
         probe.end(Activity::Allocate);
         match command {
             Ok(command) => {
-                self.command = Some(command);
                 self.measuring = None;
+                // An answer from here on is too late, and so is the question.
+                self.arrival = None;
+                self.command_slot(arrival.plan.served_user, command);
                 self.begin_slot(now, probe);
             }
-            // A state about another slot or of another size: the right one may still come.
-            Err(ControllerError::WrongSlot { .. } | ControllerError::WrongSize { .. }) => {}
             Err(error) => self.abort(now, error.into()),
         }
+    }
+
+    /// Counts what became of a slot and has it sent.
+    fn command_slot(&mut self, planned_user: usize, command: SlotCommand<T, J>) {
+        let slots = &mut self.slots;
+        count(match command.source {
+            ChannelSource::Measured => &mut slots.measured,
+            ChannelSource::Predicted => &mut slots.stale,
+        });
+        match command.served_user {
+            None => count(&mut slots.nobody_served),
+            Some(user) if user != planned_user => count(&mut slots.user_replaced),
+            Some(_) => {}
+        }
+        if !command.status.is_feasible() {
+            count(&mut slots.infeasible);
+        }
+        let add = |counter: &mut u32, more: u16| *counter = counter.saturating_add(more.into());
+        add(&mut slots.unheard_sensors, command.unheard_sensors);
+        add(&mut slots.rejected_gains, command.rejected_gains);
+        if self.command.replace(command).is_some() {
+            count(&mut slots.unsent);
+        }
+        self.status_due = true;
     }
 
     fn abort(&mut self, now: Instant, fault: Fault) {
         self.fault = Some(fault);
         self.stage = Stage::Aborted;
         self.measuring = None;
+        self.status_due = true;
         self.autopilot.land(now);
     }
 }

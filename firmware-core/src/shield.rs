@@ -406,14 +406,17 @@ impl<const M: usize> Fairness<M> {
             .sum()
     }
 
-    /// Whether serving `user` in the coming slot leaves enough slots for what is owed.
+    /// Whether serving `user` in the coming slot leaves enough slots for what is owed; once
+    /// there cannot be enough, because slots passed in which nobody was heard, whether it makes
+    /// what is owed less.
     pub fn admits(&self, user: usize) -> bool {
         let Some(&count) = self.counts.get(user) else {
             return false;
         };
-        let owed_after = self.owed() - u32::from(count < self.quota);
+        let owed = self.owed();
+        let owed_after = owed - u32::from(count < self.quota);
         let slots_after = self.slots.saturating_sub(self.slots_done + 1);
-        owed_after <= slots_after
+        owed_after <= slots_after.max(owed.saturating_sub(1))
     }
 
     /// The admissible user with the highest score; the first of equals. There is always one.

@@ -1,7 +1,13 @@
 //! What a flight leaves behind: one record per slot, the path flown, and the summary that
 //! scripts read. Files are written by `report`.
 
-use firmware_core::{Position, controller::ChannelSource, inner::LimitedBy, shield::Intervention};
+use firmware_core::{
+    Position,
+    controller::ChannelSource,
+    inner::LimitedBy,
+    link::{LinkCounters, VehicleStatus},
+    shield::Intervention,
+};
 use serde::Serialize;
 
 use crate::scenario::Scenario;
@@ -25,6 +31,8 @@ pub struct FlightRecord {
     pub path: Vec<PathSample>,
     /// What happened between the autopilot and its client, in order.
     pub events: Vec<FlightEvent>,
+    /// What came over the ground link, and what did not.
+    pub link: LinkRecord,
 }
 
 /// Something that happened, in words.
@@ -34,6 +42,20 @@ pub struct FlightEvent {
     pub time_s: f64,
     /// What.
     pub text: String,
+}
+
+/// What became of the ground link's frames, at both ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LinkRecord {
+    /// The last counters that the vehicle sent down.
+    pub vehicle: VehicleStatus,
+    /// Frames that the ground received.
+    pub ground: LinkCounters,
+    /// Slots of which the ground got the arrival alone or the command alone: users and sensors
+    /// were silent.
+    pub slots_missed: u32,
+    /// Arrivals and commands that came again.
+    pub repeated: u32,
 }
 
 /// The vehicle's true place at a time.
@@ -56,8 +78,8 @@ pub struct SlotRecord {
     pub planned: Position<f64>,
     /// Where the vehicle truly was at the slot's end, metres.
     pub flown: Position<f64>,
-    /// The user served, from 0.
-    pub served_user: usize,
+    /// The user served, from 0; `None` where no user was heard.
+    pub served_user: Option<usize>,
     /// `p`, watts.
     pub user_power_w: f64,
     /// `eta`, one over square root of watts.
@@ -76,12 +98,22 @@ pub struct SlotRecord {
     pub intervention: Intervention,
     /// Where the controller's gains came from.
     pub channel_source: ChannelSource,
+    /// How old they were, slots; 0 when they were this slot's.
+    pub age_slots: u32,
     /// The signals that were drawn and received.
     pub signals: SignalRecord,
     /// How long `plan` took, microseconds.
     pub plan_us: f64,
     /// How long `allocate` took, microseconds.
     pub allocate_us: f64,
+}
+
+impl SlotRecord {
+    /// The user served, as reports name it.
+    pub fn user_name(&self) -> String {
+        self.served_user
+            .map_or_else(|| "nobody".into(), |user| format!("u{user}"))
+    }
 }
 
 /// What the receiver made of a slot's signals.
@@ -173,6 +205,8 @@ pub struct Summary {
     pub allocate_us: Timing,
     /// How long `plan` took, microseconds.
     pub plan_us: Timing,
+    /// Frames and counters of the ground link at both ends.
+    pub link: LinkRecord,
     /// Of the signals.
     pub seed: u64,
     /// Of this program.
@@ -232,6 +266,7 @@ impl FlightRecord {
             planned_vs_flown_median_m: median(deviations),
             allocate_us: timing(self.slots.iter().map(|slot| slot.allocate_us)),
             plan_us: timing(self.slots.iter().map(|slot| slot.plan_us)),
+            link: self.link,
             seed: self.seed,
             version: env!("CARGO_PKG_VERSION"),
         }
@@ -251,8 +286,10 @@ impl FlightRecord {
         };
         let mut users = vec![none; self.scenario.mission.user_count()];
         for slot in &self.slots {
-            users[slot.served_user].slots += 1;
-            users[slot.served_user].data += slot.rate;
+            if let Some(user) = slot.served_user.and_then(|user| users.get_mut(user)) {
+                user.slots += 1;
+                user.data += slot.rate;
+            }
         }
         users
     }

@@ -102,6 +102,8 @@ pub enum Finding {
     Converged,
     /// An iteration was cut off.
     IterationLimit,
+    /// Gains were known within bounds only.
+    Guaranteed,
     /// `Gamma` cannot be met.
     Infeasible,
     /// The convex solver gave up: the best point that it had reached, its constraints verified.
@@ -323,6 +325,7 @@ impl Answer {
                 Status::Optimal { .. } => Finding::Optimal,
                 Status::Converged { .. } => Finding::Converged,
                 Status::IterationLimit { .. } => Finding::IterationLimit,
+                Status::Guaranteed { .. } => Finding::Guaranteed,
                 Status::Infeasible { .. } => Finding::Infeasible,
             },
         }

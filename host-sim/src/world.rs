@@ -79,7 +79,11 @@ impl World {
         let slot = aircomp::Slot {
             sensor_gains: &truth.sensor_gains,
             sensor_coefficients: &command.sensor_coefficients,
-            user_gain: truth.user_gains[command.served_user],
+            user_gain: command
+                .served_user
+                .and_then(|user| truth.user_gains.get(user))
+                .copied()
+                .unwrap_or_default(),
             user_power: command.user_power,
             noise_power: mission.parameters().noise_power,
         };

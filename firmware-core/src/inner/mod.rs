@@ -157,6 +157,11 @@ pub enum Status<T> {
         /// What holds it back.
         limited_by: LimitedBy,
     },
+    /// Gains were known within bounds only: all constraints hold for every gain within them.
+    Guaranteed {
+        /// What holds it back.
+        limited_by: LimitedBy,
+    },
 }
 
 impl<T> Status<T> {
@@ -170,7 +175,8 @@ impl<T> Status<T> {
         match *self {
             Status::Optimal { limited_by }
             | Status::Converged { limited_by }
-            | Status::IterationLimit { limited_by } => limited_by,
+            | Status::IterationLimit { limited_by }
+            | Status::Guaranteed { limited_by } => limited_by,
             Status::Infeasible { .. } => LimitedBy::None,
         }
     }

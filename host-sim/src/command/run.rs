@@ -198,7 +198,9 @@ impl Observer for Show {
         self.data += slot.rate;
         self.bar.set_message(format!(
             "user {} {:.3} bit/s/Hz, {:.2} in all",
-            slot.served_user, slot.rate, self.data
+            slot.user_name(),
+            slot.rate,
+            self.data
         ));
         self.bar.set_position(u64::from(slot.slot));
     }

@@ -6,7 +6,7 @@ use firmware_core::{
 };
 
 use crate::{
-    record::SlotRecord,
+    record::{LinkRecord, SlotRecord},
     world::{HostSlotCommand, World},
 };
 
@@ -20,6 +20,8 @@ pub(super) struct Ground {
     /// The slot whose command is awaited, and where the vehicle truly is.
     arrival: Option<(Arrival<f64>, Position<f64>)>,
     slots: Vec<SlotRecord>,
+    /// Counted here; the ground's own counters are the decoder's.
+    link: LinkRecord,
 }
 
 impl Ground {
@@ -29,6 +31,15 @@ impl Ground {
             decoder: Decoder::new(),
             arrival: None,
             slots: Vec::new(),
+            link: LinkRecord::default(),
+        }
+    }
+
+    /// What came over the link, and what did not.
+    pub(super) fn link(&self) -> LinkRecord {
+        LinkRecord {
+            ground: *self.decoder.counters(),
+            ..self.link
         }
     }
 
@@ -52,25 +63,55 @@ impl Ground {
             let outcome = self.decoder.push::<f64, USERS_MAX, SENSORS_MAX>(byte);
             match outcome {
                 Some(Ok(Message::Arrival(arrival))) => {
-                    let position = truth.unwrap_or(arrival.position);
-                    let state = self.world.channel_state(arrival.plan.slot, &position);
-                    self.arrival = Some((arrival, position));
-                    let mut frame = [0; FRAME_MAX];
-                    let message: HostMessage = Message::ChannelState(state);
-                    if let Ok(frame) = link::encode(&message, &mut frame) {
-                        uplink.extend_from_slice(frame);
-                    }
+                    uplink.extend(self.answer(&arrival, truth));
                 }
                 Some(Ok(Message::Command(command))) => self.obey(&command),
+                Some(Ok(Message::Status(status))) => self.link.vehicle = status,
                 Some(Ok(Message::ChannelState(_)) | Err(_)) | None => {}
             }
         }
         uplink
     }
 
+    /// The channels of the slot that the vehicle has flown.
+    fn answer(&mut self, arrival: &Arrival<f64>, truth: Option<Position<f64>>) -> Vec<u8> {
+        if self.is_recorded(arrival.plan.slot) {
+            self.link.repeated += 1;
+            return Vec::new();
+        }
+        let position = match self.arrival {
+            // Asked again: the same answer.
+            Some((known, position)) if known == *arrival => {
+                self.link.repeated += 1;
+                position
+            }
+            earlier => {
+                self.link.slots_missed += u32::from(earlier.is_some());
+                truth.unwrap_or(arrival.position)
+            }
+        };
+        self.arrival = Some((*arrival, position));
+        let state = self.world.channel_state(arrival.plan.slot, &position);
+        let message: HostMessage = Message::ChannelState(state);
+        let mut frame = [0; FRAME_MAX];
+        // Every message fits: `encode` does not compile where one could be too long.
+        link::encode(&message, &mut frame).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
+    }
+
+    fn is_recorded(&self, slot: u32) -> bool {
+        self.slots.last().is_some_and(|last| last.slot >= slot)
+    }
+
     /// Users and sensors transmit; the slot is recorded.
     fn obey(&mut self, command: &HostSlotCommand) {
-        let Some((arrival, position)) = self.arrival.take() else {
+        if self.is_recorded(command.slot) {
+            self.link.repeated += 1;
+            return;
+        }
+        let about_this = |(arrival, _): &mut (Arrival<f64>, _)| arrival.plan.slot == command.slot;
+        let Some((arrival, position)) = self.arrival.take_if(about_this) else {
+            // Where the vehicle was is not known.
+            self.link.slots_missed += 1;
             return;
         };
         let outcome = self.world.transmit(command, &position);
@@ -90,6 +131,7 @@ impl Ground {
             feasible: command.status.is_feasible(),
             intervention: arrival.plan.intervention,
             channel_source: command.source,
+            age_slots: command.age_slots,
             signals: outcome.signals,
             plan_us: 0.0,
             allocate_us: 0.0,

@@ -339,6 +339,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             inner: settings.inner.to_string(),
             profile: settings.profile.name().into(),
             seed: settings.seed,
+            link: self.ground.link(),
             slots: self.ground.into_slots(),
             path: self.path,
             events: self.events,

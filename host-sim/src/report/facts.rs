@@ -241,7 +241,7 @@ pub(super) fn slots(record: &FlightRecord) -> Element {
             slot.slot.to_string(),
             decimal(slot.flown.x, 1),
             decimal(slot.flown.y, 1),
-            format!("u{}", slot.served_user),
+            slot.user_name(),
             significant(slot.rate, 4),
             significant(slot.mse, 4),
             significant(slot.signals.empirical_mse, 4),

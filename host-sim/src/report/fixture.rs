@@ -11,7 +11,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 use crate::{
-    record::{FlightRecord, PathSample, SignalRecord, SlotRecord},
+    record::{FlightRecord, LinkRecord, PathSample, SignalRecord, SlotRecord},
     scenario::Scenario,
 };
 
@@ -42,7 +42,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
             slot: plan.slot,
             planned: plan.waypoint,
             flown: here,
-            served_user: plan.served_user,
+            served_user: command.served_user,
             user_power_w: command.user_power.0,
             normalizing_factor: command.normalizing_factor,
             sensor_power_mean_w: powers.sum::<f64>() / mission.sensor_count() as f64,
@@ -52,6 +52,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
             feasible: command.status.is_feasible(),
             intervention: plan.intervention,
             channel_source: command.source,
+            age_slots: command.age_slots,
             signals: SignalRecord {
                 empirical_mse: command.mse * (1.0 + normal() / f64::from(SYMBOLS).sqrt()),
                 symbols: SYMBOLS,
@@ -75,6 +76,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
         seed,
         slots,
         path,
+        link: LinkRecord::default(),
         events: Vec::new(),
     }
 }

@@ -104,7 +104,7 @@ fn services(record: &FlightRecord, ground: &Ground) -> Element {
     let users = &record.scenario.mission.parameters().users;
     let mut data = PathData::default();
     for slot in &record.slots {
-        if let Some(user) = users.get(slot.served_user) {
+        if let Some(user) = slot.served_user.and_then(|user| users.get(user)) {
             let [x, y] = ground.of(&slot.flown);
             data.move_to(x, y);
             let [x, y] = ground.of(user);

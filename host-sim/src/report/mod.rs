@@ -174,9 +174,9 @@ fn slot_words(record: &FlightRecord, slot: &SlotRecord) -> String {
         false => "",
     };
     format!(
-        "slot {}: user u{}, {} bit/s/Hz, MSE {}{violated}{held_back}{shield}",
+        "slot {}: user {}, {} bit/s/Hz, MSE {}{violated}{held_back}{shield}",
         slot.slot,
-        slot.served_user,
+        slot.user_name(),
         quantity::significant(slot.rate, 4),
         quantity::significant(slot.mse, 4),
     )

@@ -55,7 +55,10 @@ pub(super) fn strip(record: &FlightRecord) -> Element {
     let mut cells = element("g");
     let width = bar_width(&axis).min(axis.band());
     for slot in &record.slots {
-        let y = top + row * slot.served_user as f64;
+        let Some(user) = slot.served_user else {
+            continue;
+        };
+        let y = top + row * user as f64;
         let x = axis.middle(slot.slot) - width / 2.0;
         cells.push(
             rectangle("bar", [x, y + 1.5], [width, row - 3.0])
@@ -142,7 +145,8 @@ pub(super) fn totals(record: &FlightRecord) -> Element {
         let width = (scale.at(summary.data) - LEFT) / f64::from(summary.slots.max(1));
         let gap = if width > 5.0 { 1.0 } else { -0.1 };
         let mut total = 0.0;
-        for slot in record.slots.iter().filter(|slot| slot.served_user == user) {
+        let served = |slot: &&crate::record::SlotRecord| slot.served_user == Some(user);
+        for slot in record.slots.iter().filter(served) {
             let from = scale.at(total);
             total += slot.rate;
             drawing.push(

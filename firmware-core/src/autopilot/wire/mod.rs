@@ -18,6 +18,7 @@ use mavlink::dialects::common::{
 };
 use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message, calculate_crc};
+use serde::{Deserialize, Serialize};
 
 pub use encoder::{Encoder, FrameBuffer};
 use signing::{Verdict, Verifier};
@@ -48,7 +49,7 @@ pub struct Address {
 }
 
 /// What went by, for the log and for judging a link.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counters {
     /// Frames whose checksum was right.
     pub frames: u32,

@@ -19,94 +19,22 @@
 //! checks and one slot solution, `O(J log J)` by the default
 //! [`Method`].
 
+mod exchange;
+mod pace;
+
 use heapless::Vec;
-use serde::{Deserialize, Serialize};
 
 use crate::{
     SENSORS_MAX, USERS_MAX, aircomp,
-    inner::{Method, SlotLimits, Status, Workspace},
+    inner::{Method, SlotLimits, Workspace},
     mission::Mission,
     policy::{Observation, Policy},
     scalar::{Displacement, Position, Scalar},
-    shield::{self, Agility, Fairness, Intervention, ReachableSet},
-    units::{PowerGain, Watt},
+    shield::{self, Fairness, Intervention, ReachableSet},
+    units::PowerGain,
 };
-
-/// The channels of one slot, measured at the position reached.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(bound = "T: Scalar")]
-pub struct ChannelState<T: Scalar, const M: usize, const J: usize> {
-    /// Which slot this is about.
-    pub slot: u32,
-    /// `|g_m|^2` of every user.
-    pub user_gains: Vec<PowerGain<T>, M>,
-    /// `|h_j|^2` of every sensor.
-    pub sensor_gains: Vec<PowerGain<T>, J>,
-}
-
-impl<T: Scalar, const M: usize, const J: usize> ChannelState<T, M, J> {
-    /// The channels that the model gives for a vehicle over `vehicle`.
-    pub fn predicted(mission: &Mission<T, M, J>, slot: u32, vehicle: &Position<T>) -> Self {
-        let channel = mission.channel();
-        let p = mission.parameters();
-        let gain = |ground: &Position<T>| channel.power_gain(vehicle, ground);
-        Self {
-            slot,
-            user_gains: p.users.iter().map(gain).collect(),
-            sensor_gains: p.sensors.iter().map(gain).collect(),
-        }
-    }
-}
-
-/// What was decided before flying a slot.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(bound = "T: Scalar")]
-pub struct Plan<T: Scalar> {
-    /// `n`, 1 to `N`.
-    pub slot: u32,
-    /// Where to be at the slot's end, metres.
-    pub waypoint: Position<T>,
-    /// The user to serve.
-    pub served_user: usize,
-    /// What the shield changed of the policy's action.
-    pub intervention: Intervention,
-}
-
-/// Where a slot's channel state came from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ChannelSource {
-    /// From the ground, for this slot and position.
-    Measured,
-    /// From the channel model at the measured position: none came in time.
-    Predicted,
-}
-
-/// What everybody does in a slot.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(bound = "T: Scalar")]
-pub struct SlotCommand<T: Scalar, const J: usize> {
-    /// `n`, 1 to `N`.
-    pub slot: u32,
-    /// The user that transmits.
-    pub served_user: usize,
-    /// `p`, its power.
-    pub user_power: Watt<T>,
-    /// `|b_j|` of every sensor, square root of watts.
-    pub sensor_coefficients: Vec<T, J>,
-    /// `eta`, one over square root of watts.
-    pub normalizing_factor: T,
-    /// `R_n`, bit/s/Hz.
-    pub rate: T,
-    /// `MSE_n` with these powers, coefficients and `eta`.
-    pub mse: T,
-    /// How the slot problem came out.
-    pub status: Status<T>,
-    /// Where the gains came from.
-    pub source: ChannelSource,
-    /// How many gains were NaN, infinite or negative and counted as 0.
-    pub rejected_gains: u16,
-}
+pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
+use pace::Pace;
 
 /// A call that the controller cannot follow now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -154,66 +82,6 @@ pub enum ControllerError {
     PositionNotFinite,
 }
 
-/// How far the vehicle gets in a slot, as it has shown: `V_max delta` until it is asked for nearly
-/// that, slot after slot, and never delivers it.
-#[derive(Clone, Copy, Debug)]
-struct Pace<T: Scalar> {
-    /// `V_max delta`, metres.
-    reach_m: T,
-    /// What the shield counts on, metres a slot.
-    held_m: T,
-    /// See [`Agility`].
-    gain_m: T,
-    lag_m: T,
-    /// From where to where the last slot was flown.
-    leg: Option<(Position<T>, Position<T>)>,
-    /// How many slots in a row nearly everything was asked for, and the most that came of it.
-    asked: u8,
-    best_m: T,
-}
-
-impl<T: Scalar> Pace<T> {
-    /// Slots in a row that prove a vehicle slower than asked: longer than any gathers speed.
-    const PROOF: u8 = 8;
-
-    fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
-        let Agility {
-            reach_m,
-            gain_m,
-            lag_m,
-        } = Agility::ideal(mission);
-        Self {
-            reach_m,
-            held_m: reach_m,
-            gain_m,
-            lag_m,
-            leg: None,
-            asked: 0,
-            best_m: T::zero(),
-        }
-    }
-
-    /// The vehicle is at `measured` after the last slot.
-    fn observe(&mut self, measured: &Position<T>) {
-        let Some((from, waypoint)) = self.leg else {
-            return;
-        };
-        let nearly_all = self.reach_m * T::of(0.99);
-        let flown_m = (measured - from).norm().min(self.reach_m);
-        self.held_m = self.held_m.max(flown_m);
-        if (waypoint - from).norm() < nearly_all || flown_m >= nearly_all {
-            self.asked = 0;
-            self.best_m = T::zero();
-            return;
-        }
-        self.asked = self.asked.saturating_add(1);
-        self.best_m = self.best_m.max(flown_m);
-        if self.asked >= Self::PROOF {
-            self.held_m = self.best_m;
-        }
-    }
-}
-
 /// The onboard controller: a mission, a policy, and the state between slots.
 #[derive(Clone, Debug)]
 pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
@@ -253,21 +121,12 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         Self { method, ..self }
     }
 
-    /// How slots are allocated.
-    pub fn method(&self) -> &Method<T> {
-        &self.method
-    }
-
     /// For a vehicle with inertia: `acceleration_mps2` is what it can be relied on to keep up in
     /// any direction. The shield then keeps room to brake and to turn back. Without this, the
     /// paper's kinematics.
     pub fn with_acceleration(mut self, acceleration_mps2: T) -> Self {
         let slot_s = self.mission.parameters().slot_duration_s;
-        self.pace.gain_m = acceleration_mps2 * slot_s * slot_s;
-        if self.pace.gain_m.finite() {
-            // A slot passes before a change of mind shows.
-            self.pace.lag_m = self.pace.reach_m;
-        }
+        self.pace.rely_on_acceleration(acceleration_mps2, slot_s);
         self
     }
 
@@ -329,11 +188,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         });
         let mut intervention = Intervention::default();
         self.pace.observe(&measured);
-        let agility = Agility {
-            reach_m: self.pace.held_m,
-            gain_m: self.pace.gain_m,
-            lag_m: self.pace.lag_m,
-        };
+        let agility = self.pace.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
             && shield::scores_are_sound(&action.user_scores, self.mission.user_count());
@@ -359,7 +214,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             served_user,
             intervention,
         };
-        self.pace.leg = Some((measured, waypoint));
+        self.pace.set_out(measured, waypoint);
         self.under_way = Some(plan);
         Ok(plan)
     }
@@ -374,7 +229,23 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         &mut self,
         state: &ChannelState<T, M, J>,
     ) -> Result<SlotCommand<T, J>, ControllerError> {
-        self.allocate_from(state, ChannelSource::Measured)
+        let plan = self.check_state(state)?;
+        let mut rejected_gains = 0;
+        let mut sane = |gain: &PowerGain<T>| {
+            if gain.is_valid() {
+                return *gain;
+            }
+            rejected_gains += 1;
+            PowerGain(T::zero())
+        };
+        let user_gains: Vec<_, M> = state.user_gains.iter().map(&mut sane).collect();
+        let sensor_gains: Vec<_, J> = state.sensor_gains.iter().map(&mut sane).collect();
+        let command = SlotCommand {
+            rejected_gains,
+            ..self.allocate_known(&plan, &user_gains, &sensor_gains)
+        };
+        self.finish(&command);
+        Ok(command)
     }
 
     /// As [`allocate`](Self::allocate), from the channel model at the measured position: for a
@@ -389,47 +260,36 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         if !(measured.x.finite() && measured.y.finite()) {
             return Err(ControllerError::PositionNotFinite);
         }
-        let state = ChannelState::predicted(&self.mission, self.slots_done + 1, measured);
-        self.allocate_from(&state, ChannelSource::Predicted)
+        let plan = self.planned()?;
+        let state = ChannelState::predicted(&self.mission, plan.slot, measured);
+        let command = SlotCommand {
+            source: ChannelSource::Predicted,
+            age_slots: plan.slot,
+            ..self.allocate_known(&plan, &state.user_gains, &state.sensor_gains)
+        };
+        self.finish(&command);
+        Ok(command)
     }
 
-    fn allocate_from(
+    /// The slot for valid gains.
+    fn allocate_known(
         &mut self,
-        state: &ChannelState<T, M, J>,
-        source: ChannelSource,
-    ) -> Result<SlotCommand<T, J>, ControllerError> {
-        let plan = self.check_state(state)?;
-        let mut rejected_gains = 0;
-        let mut sane = |gain: &PowerGain<T>| {
-            if gain.is_valid() {
-                return *gain;
-            }
-            rejected_gains += 1;
-            PowerGain(T::zero())
-        };
-        let sensor_gains: Vec<PowerGain<T>, J> = state.sensor_gains.iter().map(&mut sane).collect();
-        let user_gain = sane(&state.user_gains[plan.served_user]);
-        // A valid mission and sane gains make a slot problem: an error cannot come from here, and
-        // if one did, everybody would stay silent.
+        plan: &Plan<T>,
+        user_gains: &[PowerGain<T>],
+        sensor_gains: &[PowerGain<T>],
+    ) -> SlotCommand<T, J> {
+        let served_user = self.recipient(plan.served_user, |user| user_gains[user].0);
+        let user_gain = served_user.map(|user| user_gains[user]);
+        // A valid mission and valid gains make a slot problem: an error cannot come from here,
+        // and if one did, everybody would stay silent.
         let solution = self
             .workspace
-            .sensors(&self.limits, &sensor_gains)
-            .and_then(|field| self.method.solve(&field, Some(user_gain)));
+            .sensors(&self.limits, sensor_gains)
+            .and_then(|field| self.method.solve(&field, user_gain));
         debug_assert!(solution.is_ok(), "{solution:?}");
-        let mut command = SlotCommand {
-            slot: plan.slot,
-            served_user: plan.served_user,
-            user_power: Watt(T::zero()),
-            sensor_coefficients: Vec::new(),
-            normalizing_factor: T::zero(),
-            rate: T::zero(),
-            mse: T::one() / T::count(sensor_gains.len()),
-            status: Status::Infeasible {
-                least_mse: T::one() / T::count(sensor_gains.len()),
-            },
-            source,
-            rejected_gains,
-        };
+        let mut command = SlotCommand::silent(plan.slot, sensor_gains.len());
+        command.served_user = served_user;
+        command.unheard_sensors = count_unheard(sensor_gains.iter().map(|gain| gain.0));
         if let Ok(solution) = solution {
             command.user_power = solution.user_power;
             command.normalizing_factor = solution.normalizing_factor;
@@ -440,34 +300,57 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
                 .map(|&gain| solution.coefficient(gain))
                 .collect();
             command.mse = aircomp::Slot {
-                sensor_gains: &sensor_gains,
+                sensor_gains,
                 sensor_coefficients: &command.sensor_coefficients,
-                user_gain,
+                user_gain: user_gain.unwrap_or_default(),
                 user_power: command.user_power,
                 noise_power: self.limits.noise_power,
             }
             .mse(command.normalizing_factor);
-        } else {
-            // As many zeros as sensors: they fit, the gains came in a vector of this capacity.
-            let _ = command
-                .sensor_coefficients
-                .resize(sensor_gains.len(), T::zero());
         }
-        self.rate = command.rate;
-        self.mse = command.mse;
-        self.fairness.record(Some(plan.served_user));
-        self.slots_done = plan.slot;
-        self.under_way = None;
-        Ok(command)
+        command
     }
 
-    fn check_state(&self, state: &ChannelState<T, M, J>) -> Result<Plan<T>, ControllerError> {
-        let Some(plan) = self.under_way else {
-            return Err(ControllerError::NothingPlanned {
-                done: self.slots_done,
-                slots: self.mission.slots(),
-            });
-        };
+    /// Who is served: the planned user if it is heard, otherwise the best that is, an admissible
+    /// one if possible. (An inadmissible one takes nothing from anybody: without it the slot
+    /// would pass unused.) `None` where nobody is heard.
+    fn recipient(&self, planned: usize, gain: impl Fn(usize) -> T) -> Option<usize> {
+        let heard = |user: usize| gain(user) > T::zero();
+        if heard(planned) {
+            return Some(planned);
+        }
+        // The rate rises with the gain, whatever the sensors do.
+        self.fairness
+            .best(&gain)
+            .filter(|&user| heard(user))
+            .or_else(|| {
+                let users = (0..self.mission.user_count()).filter(|&user| heard(user));
+                users.max_by(|&a, &b| gain(a).order(&gain(b)))
+            })
+    }
+
+    /// The slot is over.
+    fn finish(&mut self, command: &SlotCommand<T, J>) {
+        self.rate = command.rate;
+        self.mse = command.mse;
+        self.fairness.record(command.served_user);
+        self.slots_done = command.slot;
+        self.under_way = None;
+    }
+
+    fn planned(&self) -> Result<Plan<T>, ControllerError> {
+        self.under_way.ok_or(ControllerError::NothingPlanned {
+            done: self.slots_done,
+            slots: self.mission.slots(),
+        })
+    }
+
+    /// The slot under way, if `state` is about it.
+    ///
+    /// # Errors
+    /// Those of [`allocate`](Self::allocate).
+    pub fn check_state(&self, state: &ChannelState<T, M, J>) -> Result<Plan<T>, ControllerError> {
+        let plan = self.planned()?;
         if state.slot != plan.slot {
             return Err(ControllerError::WrongSlot {
                 got: state.slot,
@@ -502,6 +385,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         self.fairness
             .best(|user| field.rate(state.user_gains[user]))
     }
+}
+
+/// How many gains are 0; at most as many as a message can carry.
+fn count_unheard<T: Scalar>(gains: impl Iterator<Item = T>) -> u16 {
+    gains.filter(|&gain| gain <= T::zero()).count() as u16
 }
 
 #[cfg(test)]

@@ -1,0 +1,225 @@
+//! The ground link: channel state in, slot commands out, over any stream of bytes.
+//!
+//! A frame is `0x00 COBS( version | postcard(message) | CRC-32 ) 0x00`:
+//!
+//! | part | bytes | |
+//! |---|---|---|
+//! | delimiter | 1 | `0x00`: a frame whose end was lost does not take the next one with it |
+//! | version | 1 | [`PROTOCOL_VERSION`]; a frame of another version is counted and dropped |
+//! | message | varies | a [`Message`] in postcard's encoding |
+//! | CRC | 4, little endian | CRC-32/ISO-HDLC over version and message |
+//! | delimiter | 1 | `0x00`, which COBS keeps out of everything before it |
+//!
+//! A receiver that lost or misread bytes is in step again at the next delimiter: damage costs
+//! the frames that it touches and no other. [`Decoder`] never panics and never allocates; it
+//! counts what it dropped and why ([`status`]).
+//!
+//! Worst case: one pass over a frame of at most [`FRAME_MAX`] bytes.
+
+pub mod status;
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    SENSORS_MAX, USERS_MAX,
+    controller::{ChannelState, Plan, SlotCommand},
+    scalar::{Position, Scalar},
+};
+pub use status::{LinkCounters, SlotCounters, VehicleStatus};
+
+/// The version that this crate speaks. Any change of a message is a new one.
+pub const PROTOCOL_VERSION: u8 = 2;
+
+/// The longest frame at the default capacities, in double precision.
+pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
+
+/// The longest frame for up to so many users and sensors, in double precision, delimiters
+/// included. That a message fits is checked when the program is compiled: see [`encode`].
+pub const fn frame_max(users: usize, sensors: usize) -> usize {
+    // postcard: integers in groups of 7 bits, enumerations and lengths as integers.
+    const REAL: usize = 8;
+    const U8: usize = 1;
+    const U16: usize = 3;
+    const U32: usize = 5;
+    const INDEX: usize = 10;
+    const LENGTH: usize = 3;
+    const fn larger(a: usize, b: usize) -> usize {
+        if a > b { a } else { b }
+    }
+    let state = U32 + LENGTH + users * REAL + LENGTH + sensors * REAL;
+    let arrival = (U32 + 2 * REAL + INDEX + 4 * U8) + 2 * REAL;
+    let reals = LENGTH + sensors * REAL + 4 * REAL;
+    let command = U32 + (U8 + INDEX) + reals + (U8 + REAL) + U8 + U32 + 2 * U16;
+    let status = VehicleStatus::COUNTERS * U32;
+    let message = U8 + larger(larger(state, arrival), larger(command, status));
+    let plain = 1 + message + 4;
+    1 + cobs::max_encoding_length(plain) + 1
+}
+
+const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// What the ground and the vehicle say to one another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+#[allow(clippy::large_enum_variant)] // no allocator: every message takes the room of the largest
+pub enum Message<T: Scalar, const M: usize, const J: usize> {
+    /// To the vehicle: the channels of a slot, at the position that it reported.
+    ChannelState(ChannelState<T, M, J>),
+    /// To the ground: a slot is flown, measure its channels.
+    Arrival(Arrival<T>),
+    /// To the ground: what users and sensors do in a slot.
+    Command(SlotCommand<T, J>),
+    /// To the ground, after every slot: how the vehicle fares.
+    Status(VehicleStatus),
+}
+
+/// The vehicle is at the end of a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct Arrival<T: Scalar> {
+    /// What was planned: slot, waypoint, user.
+    pub plan: Plan<T>,
+    /// Where the vehicle measured itself to be, metres.
+    pub position: Position<T>,
+}
+
+/// The buffer for a frame is too small.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a frame does not fit into {capacity} bytes")]
+pub struct FrameTooLong {
+    /// What there was.
+    pub capacity: usize,
+}
+
+/// Writes a message as a frame into `frame` and returns the bytes to send.
+///
+/// Capacities `M` and `J` whose messages could outgrow [`FRAME_MAX`] do not compile.
+///
+/// # Errors
+/// The frame does not fit; [`FRAME_MAX`] bytes always suffice.
+pub fn encode<'f, T: Scalar, const M: usize, const J: usize>(
+    message: &Message<T, M, J>,
+    frame: &'f mut [u8],
+) -> Result<&'f [u8], FrameTooLong> {
+    const {
+        assert!(
+            frame_max(M, J) <= FRAME_MAX,
+            "a message can outgrow a frame"
+        )
+    };
+    let capacity = frame.len();
+    let too_long = FrameTooLong { capacity };
+    let mut plain = [0; FRAME_MAX];
+    plain[0] = PROTOCOL_VERSION;
+    let body = postcard::to_slice(message, &mut plain[1..FRAME_MAX - 4]).map_err(|_| too_long)?;
+    let end = 1 + body.len();
+    let checksum = CHECKSUM.checksum(&plain[..end]).to_le_bytes();
+    plain[end..end + 4].copy_from_slice(&checksum);
+    let plain = &plain[..end + 4];
+    if 1 + cobs::max_encoding_length(plain.len()) + 1 > capacity {
+        return Err(too_long);
+    }
+    frame[0] = 0;
+    let encoded = cobs::encode(plain, &mut frame[1..]);
+    frame[1 + encoded] = 0;
+    Ok(&frame[..encoded + 2])
+}
+
+/// Why bytes between two delimiters were no message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FrameError {
+    /// Longer than any frame.
+    #[error("longer than any frame")]
+    TooLong,
+    /// Not COBS, or too short to hold a version and a CRC.
+    #[error("not a frame")]
+    Malformed,
+    /// The CRC does not match.
+    #[error("checksum does not match")]
+    Checksum,
+    /// Another version.
+    #[error("protocol version {got}, but this is {PROTOCOL_VERSION}")]
+    Version {
+        /// Which.
+        got: u8,
+    },
+    /// A sound frame whose message cannot be read: too many gains, say.
+    #[error("not a message of this protocol")]
+    Message,
+}
+
+/// Finds messages in a stream of bytes. `N` is the longest frame that it takes.
+#[derive(Clone, Debug, Default)]
+pub struct Decoder<const N: usize = FRAME_MAX> {
+    buffer: Vec<u8, N>,
+    overflowed: bool,
+    counters: LinkCounters,
+}
+
+impl<const N: usize> Decoder<N> {
+    /// Nothing received yet.
+    pub fn new() -> Self {
+        Self {
+            buffer: Vec::new(),
+            overflowed: false,
+            counters: LinkCounters::default(),
+        }
+    }
+
+    /// What was seen so far.
+    pub fn counters(&self) -> &LinkCounters {
+        &self.counters
+    }
+
+    /// Takes a byte. At the end of a frame: its message, or why it has none.
+    pub fn push<T: Scalar, const M: usize, const J: usize>(
+        &mut self,
+        byte: u8,
+    ) -> Option<Result<Message<T, M, J>, FrameError>> {
+        if byte != 0 {
+            self.overflowed |= self.buffer.push(byte).is_err();
+            return None;
+        }
+        let outcome = if self.overflowed {
+            Err(FrameError::TooLong)
+        } else if self.buffer.is_empty() {
+            // Two delimiters in a row: idle line, or a sender that starts with one.
+            return None;
+        } else {
+            decode(&mut self.buffer)
+        };
+        self.buffer.clear();
+        self.overflowed = false;
+        match &outcome {
+            Ok(_) => status::count(&mut self.counters.messages),
+            Err(error) => self.counters.note(*error),
+        }
+        Some(outcome)
+    }
+}
+
+/// A message from the bytes between two delimiters.
+fn decode<T: Scalar, const M: usize, const J: usize>(
+    frame: &mut [u8],
+) -> Result<Message<T, M, J>, FrameError> {
+    let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Malformed)?;
+    let (plain, checksum) = frame[..length]
+        .split_last_chunk::<4>()
+        .ok_or(FrameError::Malformed)?;
+    let (&version, body) = plain.split_first().ok_or(FrameError::Malformed)?;
+    if CHECKSUM.checksum(plain) != u32::from_le_bytes(*checksum) {
+        return Err(FrameError::Checksum);
+    }
+    if version != PROTOCOL_VERSION {
+        return Err(FrameError::Version { got: version });
+    }
+    match postcard::take_from_bytes(body) {
+        Ok((message, [])) => Ok(message),
+        _ => Err(FrameError::Message),
+    }
+}
+
+#[cfg(test)]
+mod tests;

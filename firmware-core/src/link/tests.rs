@@ -1,0 +1,233 @@
+use super::*;
+use crate::{
+    Watt, controller::ChannelSource, inner::*, shield::Intervention, test_missions::table_one,
+    units::PowerGain,
+};
+use proptest::prelude::*;
+use std::vec::Vec as StdVec;
+
+type HostMessage = Message<f64, 16, 64>;
+
+fn channel_state(slot: u32) -> HostMessage {
+    let mission = table_one::<f64>();
+    Message::ChannelState(ChannelState::predicted(
+        &mission,
+        slot,
+        &Position::new(400.0, 300.0),
+    ))
+}
+
+fn largest_command() -> HostMessage {
+    Message::Command(SlotCommand {
+        slot: u32::MAX,
+        served_user: Some(15),
+        user_power: Watt(0.2),
+        sensor_coefficients: (0..64).map(|_| 0.123_456_789).collect(),
+        normalizing_factor: 1e6,
+        rate: 1.0,
+        mse: 0.015,
+        status: Status::Infeasible { least_mse: 0.016 },
+        source: ChannelSource::Predicted,
+        age_slots: u32::MAX,
+        rejected_gains: u16::MAX,
+        unheard_sensors: u16::MAX,
+    })
+}
+
+fn largest_state() -> HostMessage {
+    Message::ChannelState(ChannelState {
+        slot: u32::MAX,
+        user_gains: (0..16).map(|_| PowerGain(1e-12)).collect(),
+        sensor_gains: (0..64).map(|_| PowerGain(1.1e-11)).collect(),
+    })
+}
+
+fn frame(message: &HostMessage) -> StdVec<u8> {
+    let mut buffer = [0; FRAME_MAX];
+    encode(message, &mut buffer).unwrap().to_vec()
+}
+
+fn receive(bytes: &[u8]) -> (StdVec<Result<HostMessage, FrameError>>, LinkCounters) {
+    let mut decoder = Decoder::<FRAME_MAX>::new();
+    let seen = bytes
+        .iter()
+        .filter_map(|&byte| decoder.push(byte))
+        .collect();
+    (seen, *decoder.counters())
+}
+
+#[test]
+fn messages_survive_and_fit() {
+    for message in [channel_state(7), largest_command(), largest_state()] {
+        let bytes = frame(&message);
+        assert_eq!(receive(&bytes).0, [Ok(message)]);
+    }
+}
+
+/// The bytes of a frame are a format: a change of them is a new version.
+#[test]
+fn the_format_is_stable() {
+    let message: HostMessage = Message::Arrival(Arrival {
+        plan: Plan {
+            slot: 300,
+            waypoint: Position::new(1.0, -2.0),
+            served_user: 3,
+            intervention: Intervention {
+                user: true,
+                ..Intervention::default()
+            },
+        },
+        position: Position::new(1.0, -2.5),
+    });
+    assert_eq!(
+        frame(&message),
+        [
+            0, 5, 2, 1, 172, 2, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 3, 192, 3, 2, 1, 1, 1,
+            1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 6, 4, 192, 77, 88, 249, 1, 0
+        ]
+    );
+}
+
+#[test]
+fn too_small_a_buffer_is_an_error() {
+    assert_eq!(
+        encode(&channel_state(1), &mut [0; 64]),
+        Err(FrameTooLong { capacity: 64 })
+    );
+}
+
+#[test]
+fn another_version_is_named() {
+    let mut plain = [9u8, 9, 9, 0, 0, 0, 0];
+    let checksum = CHECKSUM.checksum(&plain[..3]).to_le_bytes();
+    plain[3..].copy_from_slice(&checksum);
+    let mut bytes = [0; 16];
+    let length = cobs::encode(&plain, &mut bytes);
+    assert_eq!(
+        receive(&bytes[..=length]).0,
+        [Err(FrameError::Version { got: 9 })]
+    );
+}
+
+#[test]
+fn a_flood_is_dropped_and_the_next_frame_arrives() {
+    let mut bytes = std::vec![7u8; 10 * FRAME_MAX];
+    bytes.push(0);
+    bytes.extend(frame(&channel_state(1)));
+    let (seen, counters) = receive(&bytes);
+    assert_eq!(seen, [Err(FrameError::TooLong), Ok(channel_state(1))]);
+    assert_eq!((counters.messages, counters.dropped()), (1, 1));
+}
+
+/// Everything at its longest.
+fn full_status() -> HostMessage {
+    let count = u32::MAX;
+    let status: VehicleStatus = postcard::from_bytes(
+        &[[0xff; 4].as_slice(), &[0x0f]]
+            .concat()
+            .repeat(VehicleStatus::COUNTERS),
+    )
+    .expect("as many counters as are claimed");
+    assert_eq!(status.slots_done, count);
+    Message::Status(status)
+}
+
+/// The bound is the length of the longest message, not a guess above it: channel state, here.
+#[test]
+fn the_longest_frame_is_known() {
+    for message in [largest_command(), largest_state(), full_status()] {
+        assert!(frame(&message).len() <= FRAME_MAX);
+    }
+    // COBS may save two bytes in a bound of three; lengths below 128 take one byte, not three.
+    let longest = frame(&largest_state()).len();
+    assert!(
+        (FRAME_MAX - 8..=FRAME_MAX).contains(&longest),
+        "{longest} of {FRAME_MAX}"
+    );
+}
+
+/// Something that happens to bytes on their way.
+#[derive(Clone, Debug)]
+enum Damage {
+    Flip(usize, u8),
+    Lose(usize, usize),
+    Insert(usize, StdVec<u8>),
+    Repeat(usize, usize),
+}
+
+fn damage() -> impl Strategy<Value = Damage> {
+    let at = || 0usize..1_000_000;
+    prop_oneof![
+        (at(), 0u8..8).prop_map(|(at, bit)| Damage::Flip(at, bit)),
+        (at(), 1usize..900).prop_map(|(at, length)| Damage::Lose(at, length)),
+        // Delimiters are what confuses most.
+        (
+            at(),
+            proptest::collection::vec(prop_oneof![Just(0u8), any::<u8>()], 1..900)
+        )
+            .prop_map(|(at, bytes)| Damage::Insert(at, bytes)),
+        (at(), 1usize..900).prop_map(|(at, length)| Damage::Repeat(at, length)),
+    ]
+}
+
+impl Damage {
+    fn apply(&self, bytes: &mut StdVec<u8>) {
+        if bytes.is_empty() {
+            return;
+        }
+        match self {
+            Self::Flip(at, bit) => {
+                let at = at % bytes.len();
+                bytes[at] ^= 1 << bit;
+            }
+            Self::Lose(at, length) => {
+                let at = at % bytes.len();
+                bytes.drain(at..(at + length).min(bytes.len()));
+            }
+            Self::Insert(at, more) => {
+                let at = at % bytes.len();
+                bytes.splice(at..at, more.iter().copied());
+            }
+            Self::Repeat(at, length) => {
+                let at = at % bytes.len();
+                let again = bytes[at..(at + length).min(bytes.len())].to_vec();
+                bytes.splice(at..at, again);
+            }
+        }
+    }
+}
+
+proptest! {
+    /// Damage costs the frames that it touches and no other: what was sent before the first
+    /// damaged byte and after the last one arrives, delimiters lost or not, and nothing arrives
+    /// that was not sent.
+    #[test]
+    fn damage_is_contained(
+        done in proptest::collection::vec(damage(), 1..5),
+        inside in 1u32..4,
+    ) {
+        let mut bytes = frame(&channel_state(1));
+        let mut damaged: StdVec<u8> =
+            (0..inside).flat_map(|n| frame(&channel_state(2 + n))).collect();
+        for damage in &done {
+            damage.apply(&mut damaged);
+        }
+        bytes.extend(damaged);
+        bytes.extend(frame(&channel_state(9)));
+        let (seen, counters) = receive(&bytes);
+        prop_assert_eq!(seen.first(), Some(&Ok(channel_state(1))));
+        prop_assert_eq!(seen.last(), Some(&Ok(channel_state(9))));
+        for outcome in seen.iter().flatten() {
+            prop_assert!((1..10).any(|slot| *outcome == channel_state(slot)));
+        }
+        let good = seen.iter().filter(|outcome| outcome.is_ok()).count();
+        prop_assert_eq!(counters.messages as usize, good);
+        prop_assert_eq!(counters.dropped() as usize, seen.len() - good);
+    }
+
+    #[test]
+    fn noise_never_panics(bytes in proptest::collection::vec(any::<u8>(), 0..3000)) {
+        let (_, counters) = receive(&bytes);
+        prop_assert_eq!(counters.messages, 0);
+    }
+}
