@@ -18,11 +18,16 @@ use crate::{
     SENSORS_MAX, USERS_MAX,
     channel::ChannelModel,
     scalar::{Position, Scalar},
+    shield,
     units::Watt,
 };
 
 /// The largest number of slots that a mission may have.
 pub const SLOTS_MAX: u32 = 100_000;
+
+/// How exactly a vehicle's position is measured at best, metres: MAVLink carries it in single
+/// precision, which at a kilometre resolves 6e-5 m. Constraints on measured places hold up to it.
+pub const MEASUREMENT_M: f64 = 1e-3;
 
 /// The rectangle `Lambda = [0, east] x [0, north]`, metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -295,6 +300,15 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
     /// `V_max delta`: how far the vehicle gets in a slot, metres (eq:traj1).
     pub fn reach_m(&self) -> T {
         self.parameters.max_speed_mps * self.parameters.slot_duration_s
+    }
+
+    /// Whether a mission that ends over `place` has arrived: the destination is at most one more
+    /// slot away (eq:traj2, as corrected), up to [`MEASUREMENT_M`] or to rounding where that is
+    /// coarser.
+    pub fn has_arrived(&self, place: &Position<T>) -> bool {
+        let (p, reach_m) = (&self.parameters, self.reach_m());
+        let slack_m = shield::rounding_m(&p.area, reach_m).max(T::of(MEASUREMENT_M));
+        (place - p.destination).norm() <= reach_m + slack_m
     }
 
     /// The rate that no position can exceed, `log2(1 / (1 - J Gamma))`, bit/s/Hz per slot

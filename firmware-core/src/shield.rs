@@ -22,7 +22,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    mission::{Area, Mission},
+    mission::{Area, MEASUREMENT_M, Mission},
     scalar::{Displacement, Position, Scalar},
 };
 
@@ -308,10 +308,6 @@ impl<T: Scalar> Disc<T> {
     }
 }
 
-/// How exactly a vehicle's position is measured at best, metres: MAVLink carries it in single
-/// precision. Discs that are no further apart than this are not worth a report.
-const MEASUREMENT_M: f64 = 1e-3;
-
 /// The slack that rounding of positions is allowed, metres: a few units in the last place of
 /// the largest length at hand, 4 picometres per kilometre in double and 2 mm in single precision.
 /// The constraints of a mission hold up to it, however many slots it has.
@@ -354,6 +350,7 @@ pub fn admissible_waypoint<T: Scalar>(
             let distance = towards.norm();
             let gap = distance - reach_m - home.radius_m;
             let outside = !set.area.contains(&from);
+            // Discs that are no further apart than a measurement are not worth a report.
             changed.out_of_reach = gap > set.rounding_m.max(T::of(MEASUREMENT_M)) || outside;
             changed.displacement |= !changed.out_of_reach;
             let waypoint = if gap <= set.rounding_m && !outside {
@@ -406,23 +403,26 @@ impl<const M: usize> Fairness<M> {
             .sum()
     }
 
-    /// Whether serving `user` in the coming slot leaves enough slots for what is owed; once
-    /// there cannot be enough, because slots passed in which nobody was heard, whether it makes
-    /// what is owed less.
+    /// Whether serving `user` in the coming slot leaves enough slots for what is owed.
     pub fn admits(&self, user: usize) -> bool {
         let Some(&count) = self.counts.get(user) else {
             return false;
         };
-        let owed = self.owed();
-        let owed_after = owed - u32::from(count < self.quota);
+        let owed_after = self.owed() - u32::from(count < self.quota);
         let slots_after = self.slots.saturating_sub(self.slots_done + 1);
-        owed_after <= slots_after.max(owed.saturating_sub(1))
+        owed_after <= slots_after
     }
 
-    /// The admissible user with the highest score; the first of equals. There is always one.
+    /// The admissible user with the highest score; the first of equals. There always is one:
+    /// only where slots passed in which nobody was heard can quotas be out of reach, and then
+    /// every user that is owed a slot is admissible.
     pub fn best<T: PartialOrd>(&self, score: impl Fn(usize) -> T) -> Option<usize> {
+        let users = 0..self.counts.len();
+        let lost = !users.clone().any(|user| self.admits(user));
+        let admissible =
+            |&user: &usize| self.admits(user) || (lost && self.counts[user] < self.quota);
         let mut best: Option<(usize, T)> = None;
-        for user in (0..self.counts.len()).filter(|&user| self.admits(user)) {
+        for user in users.filter(admissible) {
             let value = score(user);
             if best.as_ref().is_none_or(|(_, highest)| value > *highest) {
                 best = Some((user, value));

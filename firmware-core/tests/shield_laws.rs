@@ -200,7 +200,7 @@ fn fly<T: Scalar>(seed: u64, outputs: u32) {
             left_m <= mission.reach_m() + slack_m,
             "arrival: {left_m} in {p:?}"
         );
-        assert!(controller.has_arrived(&here));
+        assert!(mission.has_arrived(&here));
         let quota = mission.quota();
         assert!(controller.fairness().is_fair());
         assert!(

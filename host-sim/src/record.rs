@@ -6,6 +6,7 @@ use firmware_core::{
     controller::ChannelSource,
     inner::LimitedBy,
     link::{LinkCounters, VehicleStatus},
+    mission::MEASUREMENT_M,
     shield::Intervention,
 };
 use serde::Serialize;
@@ -213,10 +214,6 @@ pub struct Summary {
     pub version: &'static str,
 }
 
-/// A flown position counts as breaking a constraint only beyond this: MAVLink carries metres
-/// in single precision, which at a kilometre resolves 6e-5 m.
-pub const POSITION_TOLERANCE_M: f64 = 1e-3;
-
 impl FlightRecord {
     /// The summary of this flight.
     pub fn summary(&self) -> Summary {
@@ -260,8 +257,7 @@ impl FlightRecord {
                 .filter(|slot| slot.intervention.any())
                 .count(),
             arrival_distance_m,
-            arrived: self.slots.len() == mission.slots() as usize
-                && arrival_distance_m <= mission.reach_m() + POSITION_TOLERANCE_M,
+            arrived: self.slots.len() == mission.slots() as usize && mission.has_arrived(&last),
             planned_vs_flown_m: deviations.iter().copied().fold(0.0, f64::max),
             planned_vs_flown_median_m: median(deviations),
             allocate_us: timing(self.slots.iter().map(|slot| slot.allocate_us)),
@@ -319,16 +315,15 @@ impl FlightRecord {
         let mut from = p.start;
         for slot in &self.slots {
             let step_m = (slot.flown - from).norm();
-            violations += usize::from(step_m > mission.reach_m() + POSITION_TOLERANCE_M);
+            violations += usize::from(step_m > mission.reach_m() + MEASUREMENT_M);
             let nearest = Position::new(
                 slot.flown.x.clamp(0.0, p.area.east_m),
                 slot.flown.y.clamp(0.0, p.area.north_m),
             );
-            violations += usize::from((slot.flown - nearest).norm() > POSITION_TOLERANCE_M);
+            violations += usize::from((slot.flown - nearest).norm() > MEASUREMENT_M);
             from = slot.flown;
         }
-        let away_m = (from - p.destination).norm();
-        violations += usize::from(away_m > mission.reach_m() + POSITION_TOLERANCE_M);
+        violations += usize::from(!mission.has_arrived(&from));
         violations += usize::from(self.slots.len() != mission.slots() as usize);
         let short = |user: &&UserSummary| user.slots < mission.quota();
         violations + self.users().iter().filter(short).count()

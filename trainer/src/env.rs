@@ -242,8 +242,7 @@ impl<T: Scalar> Environment<T> {
 
         let last = slot >= self.mission.slots();
         let left_m = (waypoint - self.mission.parameters().destination).norm();
-        // The shield keeps arrival up to rounding, which is not a miss.
-        let arrived = last && left_m <= reach + reach * T::CONSTRAINT_TOLERANCE;
+        let arrived = last && self.mission.has_arrived(&waypoint);
         let rate = self.rate.to_f64();
         let rate_reward = if fair && feasible { rate } else { 0.0 };
         let trajectory = if arrived {

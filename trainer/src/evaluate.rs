@@ -65,7 +65,7 @@ pub fn fly(mission: &HostMission, policy: impl Policy<f64, USERS_MAX>) -> anyhow
         flight.path_m.push([position.x, position.y]);
         flight.served_users.push(plan.served_user);
     }
-    flight.arrived = controller.has_arrived(&position);
+    flight.arrived = controller.mission().has_arrived(&position);
     flight.fair = controller.fairness().is_fair();
     flight.arrival_distance_m = (position - mission.parameters().destination).norm();
     Ok(flight)

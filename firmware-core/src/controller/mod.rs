@@ -155,14 +155,6 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         self.under_way.as_ref()
     }
 
-    /// Whether a vehicle over `place` has arrived: the destination is at most one more slot
-    /// away (eq:traj2, as corrected).
-    pub fn has_arrived(&self, place: &Position<T>) -> bool {
-        let (p, reach_m) = (self.mission.parameters(), self.mission.reach_m());
-        let slack_m = shield::rounding_m(&p.area, reach_m);
-        (place - p.destination).norm() <= reach_m + slack_m
-    }
-
     /// Decides the next slot from where the vehicle is: an admissible waypoint and user.
     ///
     /// # Errors
@@ -410,7 +402,7 @@ mod tests {
             controller.allocate_predicted(&here).expect("under way");
         }
         let missed_m = (here - mission.parameters().destination).norm();
-        (missed_m, controller.has_arrived(&here))
+        (missed_m, mission.has_arrived(&here))
     }
 
     /// The shield learns on the way out how fast the vehicle is, and brings it home in time.
