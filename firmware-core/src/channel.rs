@@ -72,6 +72,12 @@ impl<T: Scalar> ChannelModel<T> {
         self.power_gain_at(self.distance_m(vehicle, ground))
     }
 
+    /// `|g|^2` across a horizontal distance.
+    pub fn power_gain_across(&self, horizontal_m: T) -> PowerGain<T> {
+        let square = horizontal_m * horizontal_m + self.altitude_m * self.altitude_m;
+        self.power_gain_at(square.sqrt())
+    }
+
     /// `|g|^2` at distance `distance_m >= H`.
     pub fn power_gain_at(&self, distance_m: T) -> PowerGain<T> {
         let nepers = self.excess_loss_db(distance_m) * T::of(-core::f64::consts::LN_10 / 10.0);

@@ -9,16 +9,18 @@
 //! error that names the phase. It is over after slot `N`.
 //!
 //! Planning starts where the vehicle **is**, never where it was told to go, and counts on the
-//! speed that it has shown it can hold. Gains that are NaN,
-//! infinite or negative count as 0 (that sensor cannot be heard) and are reported in the command;
-//! where no channel state comes at all,
-//! [`allocate_predicted`](Controller::allocate_predicted) uses the channel model at the measured
-//! position and says so.
+//! speed that it has shown it can hold.
+//!
+//! Gains that are NaN, infinite or negative count as 0, *not heard*: such a sensor is silent, such
+//! a user is not served, and the command says how many there were. Where no channel state comes
+//! at all, [`allocate_predicted`](Controller::allocate_predicted) works from the last one, whose
+//! gains are then known within bounds that widen with its age, and the command says how old.
 //!
 //! Worst case per slot: `plan` is the policy plus 29 shield candidates; `allocate` is `M + J`
-//! checks and one slot solution, `O(J log J)` by the default
-//! [`Method`].
+//! checks and one slot solution, `O(J log J)` by the default [`Method`]; `allocate_predicted` is
+//! `3 (M + J)` gains of the channel model and one guarantee.
 
+mod aging;
 mod exchange;
 mod pace;
 
@@ -33,6 +35,7 @@ use crate::{
     shield::{self, Fairness, Intervention, ReachableSet},
     units::PowerGain,
 };
+use aging::LastState;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
 use pace::Pace;
 
@@ -95,6 +98,7 @@ pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize =
     mse: T,
     under_way: Option<Plan<T>>,
     pace: Pace<T>,
+    last_state: LastState<T, M, J>,
     workspace: Workspace<T, J>,
 }
 
@@ -106,6 +110,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             method: Method::Exact,
             fairness: Fairness::new(&mission),
             pace: Pace::new(&mission),
+            last_state: LastState::none(),
             mission,
             policy,
             slots_done: 0,
@@ -180,6 +185,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         });
         let mut intervention = Intervention::default();
         self.pace.observe(&measured);
+        self.last_state.locate(measured);
         let agility = self.pace.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
@@ -236,12 +242,16 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             rejected_gains,
             ..self.allocate_known(&plan, &user_gains, &sensor_gains)
         };
+        self.last_state
+            .replace(plan.slot, &user_gains, &sensor_gains);
         self.finish(&command);
         Ok(command)
     }
 
-    /// As [`allocate`](Self::allocate), from the channel model at the measured position: for a
-    /// slot whose channel state did not come.
+    /// As [`allocate`](Self::allocate), for a slot whose channel state did not come: from the
+    /// last one that did, aged, and the channel model at the measured position. `Gamma` holds for
+    /// every gain that the aged state allows; where it cannot, users are silent and the average
+    /// is as accurate as can be promised. Whatever the [`Method`].
     ///
     /// # Errors
     /// No slot under way, a position that is not finite.
@@ -253,12 +263,30 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             return Err(ControllerError::PositionNotFinite);
         }
         let plan = self.planned()?;
-        let state = ChannelState::predicted(&self.mission, plan.slot, measured);
-        let command = SlotCommand {
+        let state = self.last_state.aged(&self.mission, plan.slot, measured);
+        let served_user = self.recipient(plan.served_user, |user| state.users[user].least.0);
+        let user = served_user.map(|user| state.users[user]);
+        let guarantee = self.workspace.guarantee(&self.limits, &state.sensors, user);
+        debug_assert!(guarantee.is_ok(), "{guarantee:?}");
+        let mut command = SlotCommand {
+            served_user,
             source: ChannelSource::Predicted,
-            age_slots: plan.slot,
-            ..self.allocate_known(&plan, &state.user_gains, &state.sensor_gains)
+            age_slots: state.age_slots,
+            unheard_sensors: count_unheard(state.sensors.iter().map(|gain| gain.least.0)),
+            ..SlotCommand::silent(plan.slot, state.sensors.len())
         };
+        if let Ok(guarantee) = guarantee {
+            command.user_power = guarantee.user_power;
+            command.normalizing_factor = guarantee.normalizing_factor;
+            command.rate = guarantee.rate;
+            command.mse = guarantee.mse;
+            command.status = guarantee.status;
+            command.sensor_coefficients = state
+                .sensors
+                .iter()
+                .map(|gain| guarantee.coefficient(gain))
+                .collect();
+        }
         self.finish(&command);
         Ok(command)
     }

@@ -6,13 +6,14 @@
 //! ```
 //!
 //! [`exact`] solves it in closed form and is the default; [`alternating`] is the paper's own
-//! algorithm; [`Method`] also names the paper's comparison schemes. All of them work on a
+//! algorithm; [`bounded`] promises what holds for gains within bounds; [`Method`] also names the paper's comparison schemes. All of them work on a
 //! [`SensorField`]: the sensors of a position, sorted and summed once.
 //!
 //! Outcomes are values: a slot in which no choice meets `Gamma` is [`Status::Infeasible`], with
 //! the least MSE that can be had; errors are for input that is not a slot problem.
 
 pub mod alternating;
+pub mod bounded;
 pub mod exact;
 mod level;
 mod scheme;
@@ -157,7 +158,8 @@ pub enum Status<T> {
         /// What holds it back.
         limited_by: LimitedBy,
     },
-    /// Gains were known within bounds only: all constraints hold for every gain within them.
+    /// Gains were known within bounds only ([`bounded`]): all constraints hold for every gain
+    /// within them.
     Guaranteed {
         /// What holds it back.
         limited_by: LimitedBy,

@@ -1,0 +1,116 @@
+//! What is known of the channels when no state came: the last one, aged.
+//!
+//! A link's gain is taken to be the model's times a factor of its own, as last measured. How old
+//! that is decides how far it is trusted: the gain lies between those that the factor and the
+//! model give at `age V_max delta` further from the vehicle and as much nearer, the way that
+//! could have been flown since. With age the bounds widen to a worst case, the far end of the
+//! area on one side and straight below on the other; the controller then promises what holds for
+//! every gain between ([`inner::bounded`](crate::inner::bounded)).
+//!
+//! What that rests on: links change no faster than flying changes the model, and on the factor
+//! being the link's own. A mission without any state yet begins with factors of 1, aged from
+//! slot 0. A link that was not heard in the last state is not heard now.
+
+use heapless::Vec;
+
+use crate::{
+    inner::bounded::GainBounds,
+    mission::Mission,
+    scalar::{Position, Scalar},
+    units::PowerGain,
+};
+
+/// The last channel state that came.
+#[derive(Clone, Debug)]
+pub(super) struct LastState<T: Scalar, const M: usize, const J: usize> {
+    /// Its slot; 0 if none has come.
+    slot: u32,
+    /// Where the vehicle was, as measured when the next slot was planned.
+    place: Option<Position<T>>,
+    users: Vec<PowerGain<T>, M>,
+    sensors: Vec<PowerGain<T>, J>,
+}
+
+/// Bounds on every gain of a slot.
+#[derive(Clone, Debug)]
+pub(super) struct AgedState<T, const M: usize, const J: usize> {
+    pub(super) age_slots: u32,
+    pub(super) users: Vec<GainBounds<T>, M>,
+    pub(super) sensors: Vec<GainBounds<T>, J>,
+}
+
+impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
+    pub(super) fn none() -> Self {
+        Self {
+            slot: 0,
+            place: None,
+            users: Vec::new(),
+            sensors: Vec::new(),
+        }
+    }
+
+    /// The gains of a slot came; those that are 0 are not heard.
+    pub(super) fn replace(
+        &mut self,
+        slot: u32,
+        users: &Vec<PowerGain<T>, M>,
+        sensors: &Vec<PowerGain<T>, J>,
+    ) {
+        self.slot = slot;
+        self.place = None;
+        self.users.clone_from(users);
+        self.sensors.clone_from(sensors);
+    }
+
+    /// The vehicle has been measured to be at `place` since the last slot's end.
+    pub(super) fn locate(&mut self, place: Position<T>) {
+        self.place.get_or_insert(place);
+    }
+
+    /// What is known in `slot` over `here`.
+    pub(super) fn aged(
+        &self,
+        mission: &Mission<T, M, J>,
+        slot: u32,
+        here: &Position<T>,
+    ) -> AgedState<T, M, J> {
+        let age_slots = slot.saturating_sub(self.slot);
+        let strayed_m = T::count(age_slots as usize) * mission.reach_m();
+        let p = mission.parameters();
+        let channel = mission.channel();
+        let bounds = |ground: &Position<T>, last: Option<&PowerGain<T>>| {
+            let away_m = (here - ground).norm();
+            let far = Position::new(
+                ground.x.max(p.area.east_m - ground.x),
+                ground.y.max(p.area.north_m - ground.y),
+            );
+            let farthest_m = far.coords.norm().max(away_m);
+            let factor = match (last, &self.place) {
+                (Some(gain), Some(place)) => gain.0 / channel.power_gain(place, ground).0,
+                _ => T::one(),
+            };
+            let gain = |horizontal_m: T| factor * channel.power_gain_across(horizontal_m).0;
+            let bounds = GainBounds {
+                least: PowerGain(gain((away_m + strayed_m).min(farthest_m))),
+                most: PowerGain(gain((away_m - strayed_m).max(T::zero()))),
+            };
+            if bounds.least.is_valid() && bounds.most.is_valid() {
+                bounds
+            } else {
+                // A factor beyond the number type: nothing is known.
+                GainBounds::default()
+            }
+        };
+        let users = p.users.iter().enumerate();
+        let sensors = p.sensors.iter().enumerate();
+        AgedState {
+            age_slots,
+            users: users
+                .map(|(m, ground)| bounds(ground, self.users.get(m)))
+                .collect(),
+            sensors: sensors
+                .map(|(j, ground)| bounds(ground, self.sensors.get(j)))
+                .collect(),
+        }
+    }
+}

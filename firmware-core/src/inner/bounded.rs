@@ -1,0 +1,271 @@
+//! The slot problem with gains that are known within bounds only: what can be promised whatever
+//! they are within them (`docs/mathematics.md`, section 7).
+//!
+//! With amplitude gains `l_j <= h_j <= u_j` and `g_l <= g <= g_u`, the MSE is convex in every
+//! `h_j` and so is largest at an end of each; it rises with `g`, and the rate falls with `h_j`
+//! and rises with `g`:
+//!
+//! ```text
+//! J^2 MSE <= sum_j max( 1 - eta b_j l_j,  eta b_j u_j - 1 )^2 + eta^2 (g_u^2 p + sigma^2)
+//! R       >= log2( 1 + g_l^2 p / (sum_j b_j^2 u_j^2 + sigma^2) )
+//! ```
+//!
+//! No sensor gains from `eta b_j > 2 / (l_j + u_j)`, where the two ends err alike; below that the
+//! lower end is the worse. Two choices of `eta` and levels are tried and the better promise kept:
+//! the optimum for the sensors' lower ends beside the user's upper one, held to that limit; and
+//! the `eta` of least worst-case MSE. Then the user gets the power that `Gamma` leaves it. With
+//! bounds that coincide the first is the optimum of [`exact`](super::exact).
+//!
+//! A sensor whose lower bound is 0 stays silent: in the worst case it errs by its whole symbol
+//! whatever it is told.
+//!
+//! Worst case: one exact slot, and [`BISECTIONS`] sums over the sensors.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use super::{LimitedBy, SlotError, SlotLimits, Status, Workspace, exact::rate_of_sinr};
+use crate::{
+    scalar::Scalar,
+    units::{PowerGain, Watt},
+};
+
+/// Halvings of twelve decades in the search for the `eta` of least worst-case MSE: far below
+/// single precision, and below the square root of double, to which a minimum is flat.
+const BISECTIONS: u32 = 40;
+
+/// Between which values a power gain lies, both included.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GainBounds<T> {
+    /// The least that it can be.
+    pub least: PowerGain<T>,
+    /// The most; no less than that.
+    pub most: PowerGain<T>,
+}
+
+impl<T: Scalar> GainBounds<T> {
+    /// A gain that is known.
+    pub fn exactly(gain: PowerGain<T>) -> Self {
+        Self {
+            least: gain,
+            most: gain,
+        }
+    }
+}
+
+/// What is promised for every gain within its bounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guarantee<T> {
+    /// [`Status::Guaranteed`], or [`Status::Infeasible`] where `Gamma` cannot be promised and the
+    /// user is silent.
+    pub status: Status<T>,
+    /// The least rate, bit/s/Hz.
+    pub rate: T,
+    /// The largest MSE.
+    pub mse: T,
+    /// `p` of the served user.
+    pub user_power: Watt<T>,
+    /// `eta`, one over square root of watts.
+    pub normalizing_factor: T,
+    choice: Choice<T>,
+    noise_amplitude: T,
+}
+
+impl<T: Scalar> Guarantee<T> {
+    /// `|b_j|` of a sensor, square root of watts; at most `sqrt(p_b^max)`, exactly.
+    pub fn coefficient(&self, gain: &GainBounds<T>) -> T {
+        self.choice
+            .coefficient(&Ends::of(gain, self.noise_amplitude))
+    }
+}
+
+/// The amplitudes of a link at both ends of its bounds, over the noise amplitude: one over square
+/// root of watts.
+#[derive(Clone, Copy, Debug)]
+struct Ends<T> {
+    low: T,
+    high: T,
+}
+
+impl<T: Scalar> Ends<T> {
+    fn of(gain: &GainBounds<T>, noise_amplitude: T) -> Self {
+        Self {
+            low: gain.least.amplitude() / noise_amplitude,
+            high: gain.most.amplitude() / noise_amplitude,
+        }
+    }
+}
+
+/// How loud the sensors are, given the two numbers that all of them share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Choice<T> {
+    /// `eta sigma`.
+    eta: T,
+    /// The amplitude, noise-normalised, to which strong sensors turn down.
+    level: T,
+    coefficient_max: T,
+}
+
+/// What a choice comes to at worst.
+#[derive(Clone, Copy, Debug)]
+struct Worst<T> {
+    /// `J^2` times the part of the MSE that is not the user's.
+    error: T,
+    /// `E`, noise-normalised.
+    energy: T,
+}
+
+impl<T: Scalar> Choice<T> {
+    fn coefficient(&self, ends: &Ends<T>) -> T {
+        if ends.low <= T::zero() || self.eta <= T::zero() {
+            return T::zero();
+        }
+        let even = T::of(2.0) / (self.eta * (ends.low + ends.high));
+        (self.level / ends.low).min(even).min(self.coefficient_max)
+    }
+
+    fn worst(&self, sensors: &[Ends<T>]) -> Worst<T> {
+        let noise = T::one();
+        let mut worst = Worst {
+            error: self.eta * self.eta,
+            energy: noise,
+        };
+        for ends in sensors {
+            let b = self.coefficient(ends);
+            let short = T::one() - self.eta * b * ends.low;
+            let over = self.eta * b * ends.high - T::one();
+            let error = short.max(over);
+            worst.error += error * error;
+            worst.energy += b * ends.high * b * ends.high;
+        }
+        worst
+    }
+
+    /// The choice with the least error at worst: where the derivative by `eta`,
+    /// `eta - sum a_j (1 - eta a_j)` over the sensors at full power, changes sign.
+    fn quietest(sensors: &[Ends<T>], coefficient_max: T) -> Self {
+        let two = T::of(2.0);
+        // From this eta on a sensor inverts its channel.
+        let even = |ends: &Ends<T>| two / (coefficient_max * (ends.low + ends.high));
+        let heard = || sensors.iter().filter(|ends| ends.low > T::zero());
+        let mut high = heard().fold(T::zero(), |most, ends| most.max(even(ends)));
+        let mut low = high * T::of(1e-12);
+        // With nobody heard there is nothing to halve: `eta` is 0.
+        let halvings = if low > T::zero() { BISECTIONS } else { 0 };
+        for _ in 0..halvings {
+            // The geometric mean, without leaving the range.
+            let eta = low * (high / low).sqrt();
+            let slope = heard().fold(eta, |sum, ends| {
+                let a = coefficient_max * ends.low;
+                if eta < even(ends) {
+                    sum - a * (T::one() - eta * a)
+                } else {
+                    sum
+                }
+            });
+            if slope < T::zero() {
+                low = eta;
+            } else {
+                high = eta;
+            }
+        }
+        Self {
+            eta: high,
+            level: T::max_value().unwrap_or(high),
+            coefficient_max,
+        }
+    }
+}
+
+impl<T: Scalar, const J: usize> Workspace<T, J> {
+    /// The slot for gains within bounds, with `user` served or (`None`) nobody.
+    ///
+    /// # Errors
+    /// A bound that is NaN, infinite or negative, limits that make no problem, too many sensors.
+    pub fn guarantee(
+        &mut self,
+        limits: &SlotLimits<T>,
+        sensors: &[GainBounds<T>],
+        user: Option<GainBounds<T>>,
+    ) -> Result<Guarantee<T>, SlotError<T>> {
+        let too_many = SlotError::TooManySensors {
+            sensors: sensors.len(),
+            capacity: J,
+        };
+        if sensors.len() > J {
+            return Err(too_many);
+        }
+        let noise_amplitude = limits.noise_power.0.sqrt();
+        let least: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.least).collect();
+        let most: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.most).collect();
+        super::check_gains(&most)?;
+        let ends: Vec<Ends<T>, J> = sensors
+            .iter()
+            .map(|gain| Ends::of(gain, noise_amplitude))
+            .collect();
+        let user = user.unwrap_or_default();
+        SlotError::check_user(Some(user.least))?;
+        let for_low_ends = self.sensors(limits, &least)?.solve(Some(user.most))?;
+
+        let coefficient_max = limits.coefficient_max();
+        let quietest = Choice::quietest(&ends, coefficient_max);
+        let leveled = Choice {
+            eta: for_low_ends.normalizing_factor * noise_amplitude,
+            level: for_low_ends.level / noise_amplitude,
+            coefficient_max,
+        };
+        let promise = |choice| promise(limits, &ends, &user, noise_amplitude, choice);
+        let (a, b) = (promise(leveled), promise(quietest));
+        let a_is_better = a.status.is_feasible()
+            && user.most.0 > T::zero()
+            && (a.rate > b.rate || !b.status.is_feasible());
+        Ok(if a_is_better { a } else { b })
+    }
+}
+
+/// What a choice promises, with the power that it leaves the user.
+fn promise<T: Scalar>(
+    limits: &SlotLimits<T>,
+    sensors: &[Ends<T>],
+    user: &GainBounds<T>,
+    noise_amplitude: T,
+    choice: Choice<T>,
+) -> Guarantee<T> {
+    let count = T::count(sensors.len());
+    let worst = choice.worst(sensors);
+    let eta_squared = choice.eta * choice.eta;
+    let room = count * count * limits.aim().mse_threshold - worst.error;
+    let mut guarantee = Guarantee {
+        status: Status::Guaranteed {
+            limited_by: LimitedBy::None,
+        },
+        rate: T::zero(),
+        mse: worst.error / (count * count),
+        user_power: Watt(T::zero()),
+        normalizing_factor: choice.eta / noise_amplitude,
+        choice,
+        noise_amplitude,
+    };
+    if guarantee.mse > limits.mse_threshold {
+        let least_mse = guarantee.mse;
+        guarantee.status = Status::Infeasible { least_mse };
+        return guarantee;
+    }
+    let power_max = limits.user_power_max.0;
+    if user.most.0 <= T::zero() || power_max <= T::zero() {
+        return guarantee;
+    }
+    // Infinite or NaN where `eta` is 0: nobody is heard then, and there is no room.
+    let affordable = (room / eta_squared).max(T::zero()) * (limits.noise_power.0 / user.most.0);
+    let (power, limited_by) = if affordable < power_max {
+        (affordable, LimitedBy::Accuracy)
+    } else {
+        (power_max, LimitedBy::Power)
+    };
+    let signal = |gain: PowerGain<T>| power * (gain.0 / limits.noise_power.0);
+    guarantee.status = Status::Guaranteed { limited_by };
+    guarantee.user_power = Watt(power);
+    guarantee.rate = rate_of_sinr(signal(user.least) / worst.energy);
+    guarantee.mse = (worst.error + eta_squared * signal(user.most)) / (count * count);
+    guarantee
+}
