@@ -1,5 +1,5 @@
 //! The slot problem with gains that are known within bounds only: what can be promised whatever
-//! they are within them (`docs/mathematics.md`, section 7).
+//! they are within them (`docs/mathematics.md`, section 9).
 //!
 //! With amplitude gains `l_j <= h_j <= u_j` and `g_l <= g <= g_u`, the MSE is convex in every
 //! `h_j` and so is largest at an end of each; it rises with `g`, and the rate falls with `h_j`

@@ -103,6 +103,18 @@ pub fn encode<'f, T: Scalar, const M: usize, const J: usize>(
     message: &Message<T, M, J>,
     frame: &'f mut [u8],
 ) -> Result<&'f [u8], FrameTooLong> {
+    encode_as(PROTOCOL_VERSION, message, frame)
+}
+
+/// As [`encode`], but says that it is of another protocol version: for whoever tests a receiver.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_as<'f, T: Scalar, const M: usize, const J: usize>(
+    version: u8,
+    message: &Message<T, M, J>,
+    frame: &'f mut [u8],
+) -> Result<&'f [u8], FrameTooLong> {
     const {
         assert!(
             frame_max(M, J) <= FRAME_MAX,
@@ -112,7 +124,7 @@ pub fn encode<'f, T: Scalar, const M: usize, const J: usize>(
     let capacity = frame.len();
     let too_long = FrameTooLong { capacity };
     let mut plain = [0; FRAME_MAX];
-    plain[0] = PROTOCOL_VERSION;
+    plain[0] = version;
     let body = postcard::to_slice(message, &mut plain[1..FRAME_MAX - 4]).map_err(|_| too_long)?;
     let end = 1 + body.len();
     let checksum = CHECKSUM.checksum(&plain[..end]).to_le_bytes();

@@ -6,6 +6,7 @@
 //! lossy::Channel: what a bad radio does to frames, seeded; goes around any of them
 //! ```
 
+pub mod faults;
 pub mod key;
 pub mod lossy;
 mod port;
