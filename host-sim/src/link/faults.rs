@@ -86,7 +86,8 @@ impl Fault {
             7 => Self::OtherVersion,
             8 => Self::Echo,
             9 => Self::Twice,
-            10 => Self::OtherSlot(if random.random() { 1 } else { -1 }),
+            // Never one ahead: such a state that comes late would be taken for the right one.
+            10 => Self::OtherSlot(if random.random() { 100 } else { -1 }),
             11 if random.random() => Self::TooFew(Node::User),
             11 => Self::TooFew(Node::Sensor),
             12 => Self::Late,
