@@ -26,6 +26,7 @@
 //! | [`controller`] | plan and allocate |
 //! | [`link`] | frames to and from the ground |
 //! | [`autopilot`] | the MAVLink client |
+//! | [`console`] | what a board is told before a flight, and by a bench |
 //! | [`onboard`] | all of it in one slot cycle: bytes in, bytes out |
 //! | [`time`], [`scalar`], [`units`] | what the others are written in |
 //!
@@ -58,6 +59,7 @@ extern crate std;
 pub mod aircomp;
 pub mod autopilot;
 pub mod channel;
+pub mod console;
 pub mod controller;
 pub mod inner;
 pub mod link;

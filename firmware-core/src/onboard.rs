@@ -240,8 +240,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     /// at its end is given up.
     pub fn receive_mavlink(&mut self, now: Instant, bytes: &[u8], datagram: bool) {
         let (autopilot, unreadable) = (&mut self.autopilot, &mut self.mavlink_unreadable);
-        let mut take = |frame: wire::Frame<'_>| match frame.message() {
-            Ok(message) => autopilot.receive(now, frame.sender(), &message),
+        let mut take = |frame: wire::Frame<'_>| match frame.client_message() {
+            Ok(Some(message)) => autopilot.receive(now, frame.sender(), &message),
+            Ok(None) => {}
             // A value outside an enumeration is no message; the stream goes on.
             Err(_) => count(unreadable),
         };
@@ -261,7 +262,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         buffer: &'b mut FrameBuffer,
     ) -> Option<&'b [u8]> {
         let message = self.autopilot.poll(now)?;
-        Some(self.mavlink_out.encode(&message, buffer))
+        let frame = self.mavlink_out.encode_of_client(&message, buffer);
+        debug_assert!(frame.is_some(), "{message:?} is not listed in wire::client");
+        frame
     }
 
     /// Takes bytes from the ground link.

@@ -16,7 +16,7 @@ use crate::scalar::{Displacement, Position, Scalar};
 pub const EARTH_RADIUS_M: f64 = 6_378_100.0;
 
 /// Latitude and longitude in MAVLink's unit, 1e-7 degrees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Geodetic {
     /// North positive, 1e-7 degrees.
     pub latitude_e7: i32,

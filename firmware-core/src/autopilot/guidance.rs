@@ -21,7 +21,7 @@ use crate::scalar::{Displacement, Position, Scalar};
 use crate::time::{Duration, Instant};
 
 /// What the vehicle can do. Infinite where the paper's kinematics are meant.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Limits<T> {
     /// Largest horizontal speed, m/s.
     pub speed_mps: T,

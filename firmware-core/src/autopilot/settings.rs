@@ -23,7 +23,8 @@ pub enum Coordinates {
 }
 
 /// Where the vehicle may be sent: a rectangle on the map and a ceiling.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(bound = "T: Scalar")]
 pub struct Geofence<T: Scalar> {
     /// South-west corner, m.
     pub low: Position<T>,

@@ -20,7 +20,7 @@ pub mod status;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::Vec;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
     SENSORS_MAX, USERS_MAX,
@@ -121,11 +121,20 @@ pub fn encode_as<'f, T: Scalar, const M: usize, const J: usize>(
             "a message can outgrow a frame"
         )
     };
+    seal::<FRAME_MAX>(version, message, frame)
+}
+
+/// A message of any protocol as a frame; `N` is the longest.
+pub(crate) fn seal<'f, const N: usize>(
+    version: u8,
+    message: &impl Serialize,
+    frame: &'f mut [u8],
+) -> Result<&'f [u8], FrameTooLong> {
     let capacity = frame.len();
     let too_long = FrameTooLong { capacity };
-    let mut plain = [0; FRAME_MAX];
+    let mut plain = [0; N];
     plain[0] = version;
-    let body = postcard::to_slice(message, &mut plain[1..FRAME_MAX - 4]).map_err(|_| too_long)?;
+    let body = postcard::to_slice(message, &mut plain[1..N - 4]).map_err(|_| too_long)?;
     let end = 1 + body.len();
     let checksum = CHECKSUM.checksum(&plain[..end]).to_le_bytes();
     plain[end..end + 4].copy_from_slice(&checksum);
@@ -190,6 +199,15 @@ impl<const N: usize> Decoder<N> {
         &mut self,
         byte: u8,
     ) -> Option<Result<Message<T, M, J>, FrameError>> {
+        self.push_of(PROTOCOL_VERSION, byte)
+    }
+
+    /// Takes a byte of a protocol of any messages.
+    pub(crate) fn push_of<D: DeserializeOwned>(
+        &mut self,
+        version: u8,
+        byte: u8,
+    ) -> Option<Result<D, FrameError>> {
         if byte != 0 {
             self.overflowed |= self.buffer.push(byte).is_err();
             return None;
@@ -200,7 +218,7 @@ impl<const N: usize> Decoder<N> {
             // Two delimiters in a row: idle line, or a sender that starts with one.
             return None;
         } else {
-            decode(&mut self.buffer)
+            decode(version, &mut self.buffer)
         };
         self.buffer.clear();
         self.overflowed = false;
@@ -213,9 +231,7 @@ impl<const N: usize> Decoder<N> {
 }
 
 /// A message from the bytes between two delimiters.
-fn decode<T: Scalar, const M: usize, const J: usize>(
-    frame: &mut [u8],
-) -> Result<Message<T, M, J>, FrameError> {
+fn decode<D: DeserializeOwned>(expected: u8, frame: &mut [u8]) -> Result<D, FrameError> {
     let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Malformed)?;
     let (plain, checksum) = frame[..length]
         .split_last_chunk::<4>()
@@ -224,7 +240,7 @@ fn decode<T: Scalar, const M: usize, const J: usize>(
     if CHECKSUM.checksum(plain) != u32::from_le_bytes(*checksum) {
         return Err(FrameError::Checksum);
     }
-    if version != PROTOCOL_VERSION {
+    if version != expected {
         return Err(FrameError::Version { got: version });
     }
     match postcard::take_from_bytes(body) {

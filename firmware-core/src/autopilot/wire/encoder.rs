@@ -1,8 +1,9 @@
 //! Messages to frames.
 
-use mavlink::dialects::common::{EstimatorStatusFlags, MavMessage};
+use mavlink::dialects::common::{EstimatorStatusFlags, MavMessage, MavSeverity, STATUSTEXT_DATA};
 use mavlink::{MavlinkVersion, Message, calculate_crc};
 
+use super::client;
 use super::signing::Signer;
 use super::{Address, CHECKSUM, EKF_STATUS_REPORT, HEADER, MAX_FRAME, SIGNED, START};
 
@@ -49,6 +50,19 @@ impl Encoder {
         self.finish(id, length, MavMessage::extra_crc(id), buffer)
     }
 
+    /// As [`encode`](Self::encode), for the messages that [`Autopilot`](crate::autopilot::Autopilot)
+    /// sends; `None` for any other. The counterpart of
+    /// [`client_message`](super::Frame::client_message).
+    pub fn encode_of_client<'b>(
+        &mut self,
+        message: &MavMessage,
+        buffer: &'b mut FrameBuffer,
+    ) -> Option<&'b [u8]> {
+        let length = client::write(message, &mut buffer[HEADER..HEADER + 255])?;
+        let id = message.message_id();
+        Some(self.finish(id, length, MavMessage::extra_crc(id), buffer))
+    }
+
     /// ArduPilot's form of ESTIMATOR_STATUS: an EKF_STATUS_REPORT with these flags.
     pub fn encode_ekf_status_report<'b>(
         &mut self,
@@ -59,6 +73,26 @@ impl Encoder {
         buffer[HEADER..HEADER + offset].fill(0);
         buffer[HEADER + offset..HEADER + offset + 2].copy_from_slice(&flags.bits().to_le_bytes());
         self.finish(id, offset + 2, seed, buffer)
+    }
+
+    /// A STATUSTEXT of severity CRITICAL: the first 50 bytes of `text`.
+    pub fn encode_critical_text<'b>(
+        &mut self,
+        text: &str,
+        buffer: &'b mut FrameBuffer,
+    ) -> &'b [u8] {
+        let mut bytes = [0; 50];
+        for (slot, byte) in bytes.iter_mut().zip(text.bytes()) {
+            *slot = byte;
+        }
+        let message = STATUSTEXT_DATA {
+            severity: MavSeverity::MAV_SEVERITY_CRITICAL,
+            text: bytes.into(),
+            ..STATUSTEXT_DATA::default()
+        };
+        // It is one of the client's.
+        self.encode_of_client(&MavMessage::STATUSTEXT(message), buffer)
+            .unwrap_or_default()
     }
 
     fn finish<'b>(

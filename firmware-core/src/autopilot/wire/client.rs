@@ -1,0 +1,85 @@
+//! The messages between the client and an autopilot, by name: a program that sends and takes these
+//! alone carries no code for the rest of the dialect.
+
+use mavlink::dialects::common::MavMessage;
+use mavlink::error::ParserError;
+use mavlink::{MavlinkVersion, MessageData};
+
+/// Writes reading and writing for a list of messages.
+macro_rules! messages {
+    (taken { $($taken:ident($taken_data:ident),)* } sent { $($sent:ident,)* }) => {
+        use mavlink::dialects::common::{$($taken_data,)*};
+
+        /// The message of this id, if it is one that the client takes.
+        pub(super) fn parse(id: u32, payload: &[u8]) -> Result<Option<MavMessage>, ParserError> {
+            Ok(Some(match id {
+                $($taken_data::ID => {
+                    MavMessage::$taken($taken_data::deser(MavlinkVersion::V2, payload)?)
+                })*
+                _ => return Ok(None),
+            }))
+        }
+
+        /// Writes a message that the client sends and returns its length; `None` for any other.
+        pub(super) fn write(message: &MavMessage, payload: &mut [u8]) -> Option<usize> {
+            Some(match message {
+                $(MavMessage::$sent(data) => data.ser(MavlinkVersion::V2, payload),)*
+                _ => return None,
+            })
+        }
+
+        #[cfg(test)]
+        mod tests {
+            use super::*;
+            use mavlink::Message;
+
+            /// Read and written as the whole dialect is.
+            #[test]
+            fn each_is_read_and_written_as_by_the_dialect() {
+                let mut ids = 0;
+                for id in 0..70_000 {
+                    let Some(message) = MavMessage::default_message_from_id(id) else {
+                        assert_eq!(MavMessage::extra_crc(id), 0);
+                        continue;
+                    };
+                    let seed_is_zero = MavMessage::extra_crc(id) == 0;
+                    assert_eq!(seed_is_zero, id == super::super::SEED_ZERO, "message {id}");
+                    ids += 1;
+                    let mut whole = [0; 255];
+                    let length = message.ser(MavlinkVersion::V2, &mut whole);
+                    let mut ours = [0; 255];
+                    if let Some(written) = write(&message, &mut ours) {
+                        assert_eq!((written, ours), (length, whole), "message {id}");
+                    }
+                    let read = parse(id, &whole[..length]).expect("sound");
+                    assert!(read.is_none_or(|read| read == message), "message {id}");
+                }
+                assert!(ids > 200);
+            }
+        }
+    };
+}
+
+messages! {
+    taken {
+        HEARTBEAT(HEARTBEAT_DATA),
+        COMMAND_ACK(COMMAND_ACK_DATA),
+        LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA),
+        ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA),
+        SYS_STATUS(SYS_STATUS_DATA),
+        EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA),
+        GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA),
+        POSITION_TARGET_LOCAL_NED(POSITION_TARGET_LOCAL_NED_DATA),
+        POSITION_TARGET_GLOBAL_INT(POSITION_TARGET_GLOBAL_INT_DATA),
+        PARAM_VALUE(PARAM_VALUE_DATA),
+        STATUSTEXT(STATUSTEXT_DATA),
+    }
+    sent {
+        HEARTBEAT,
+        COMMAND_LONG,
+        PARAM_REQUEST_READ,
+        SET_POSITION_TARGET_LOCAL_NED,
+        SET_POSITION_TARGET_GLOBAL_INT,
+        STATUSTEXT,
+    }
+}

@@ -1,0 +1,313 @@
+//! The loop: an order, then round after round until the vehicle has landed.
+//!
+//! A *round* takes what came on the ground link and from the autopilot, lets the onboard computer
+//! go on, and queues what it has to say. In the air a round is begun by a byte or by the board's
+//! timer; on a bench by a tick (see `firmware_core::console`). After a reset the image holds no
+//! order and sends nothing: whoever flies the vehicle then keeps it.
+
+use firmware_core::{
+    autopilot::{
+        Phase,
+        wire::{Address, Encoder, MAX_FRAME},
+    },
+    console::{
+        self, BoardComputer, Call, Calls, Clock, Cost, Footprint, Order, REPORT_FRAME_MAX, Refusal,
+        Report, Tick, Tock,
+    },
+    link::FRAME_MAX,
+    onboard::{Activity, Probe, Stage},
+    policy::mlp::Mlp,
+    time::{Duration, Instant},
+};
+
+use crate::board::{Board, Line};
+
+/// The computer of this image: its policy lies in flash.
+pub type Computer = BoardComputer<&'static [u8]>;
+
+/// What a slot may take beyond twice its duration before the watchdog stops the image: channel
+/// state that is late, samples that are late, and a bench that is slow.
+const SLOT_MARGIN: Duration = Duration::from_secs(20);
+
+/// Bytes taken from a line at a time.
+const PIECE: usize = 64;
+
+/// Flies. A policy that is not sound is refused on the console and, as a STATUSTEXT, to the
+/// autopilot's side; then nothing flies.
+pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
+    let trained = match Mlp::load(trained) {
+        Ok(policy) => policy,
+        Err(error) => {
+            let why = console::words(&format_args!("policy in flash: {error}"));
+            warn(board, &why);
+            board.halt(&why)
+        }
+    };
+    let mut calls = Calls::default();
+    let (mut computer, clock) = loop {
+        match next_call(board, &mut calls) {
+            Some(Call::Order(order)) => match commission(board, &order, &trained) {
+                Ok(computer) => break (computer, order.clock),
+                Err(why) => report(board, &Report::Refused(console::words(&why))),
+            },
+            Some(Call::Footprint) => report_footprint(board),
+            Some(Call::Tick(_) | Call::Stop) => {}
+            None => board.rest(false),
+        }
+    };
+    report(board, &Report::Ready);
+    let mut flight = Flight::default();
+    loop {
+        let call = next_call(board, &mut calls);
+        match call {
+            Some(Call::Footprint) => report_footprint(board),
+            Some(Call::Stop) => flight.stop_asked = true,
+            Some(Call::Tick(tick)) if clock == Clock::Console => {
+                flight.bench_round(board, &mut computer, &tick);
+            }
+            Some(Call::Tick(_) | Call::Order(_)) => {}
+            None if clock == Clock::Board => {
+                let now = board.now();
+                flight.round(board, &mut computer, now, None);
+                board.rest(true);
+            }
+            None => board.rest(false),
+        }
+    }
+}
+
+/// Apart, so that what it needs of the stack is given back.
+#[inline(never)]
+fn commission<B: Board>(
+    board: &mut B,
+    order: &Order,
+    trained: &Mlp<&'static [u8]>,
+) -> Result<Computer, Refusal> {
+    let mut computer = order.commission(trained)?;
+    let now = match order.clock {
+        Clock::Board => board.now(),
+        Clock::Console => Instant::ZERO,
+    };
+    computer.autopilot_mut().launch(now);
+    Ok(computer)
+}
+
+/// The next call, if one has come. Frames that are damaged are dropped; a bench asks again.
+fn next_call<B: Board>(board: &mut B, calls: &mut Calls) -> Option<Call> {
+    let mut byte = [0];
+    while board.receive(Line::Console, &mut byte) > 0 {
+        if let Some(Ok(call)) = calls.push(byte[0]) {
+            return Some(call);
+        }
+    }
+    None
+}
+
+#[inline(never)]
+fn report<B: Board>(board: &mut B, report: &Report) {
+    let mut frame = [0; REPORT_FRAME_MAX];
+    if let Ok(frame) = console::encode_report(report, &mut frame) {
+        // Without room it is dropped and counted: nobody may be listening.
+        board.send(Line::Console, frame);
+    }
+}
+
+#[inline(never)]
+fn report_footprint<B: Board>(board: &mut B) {
+    let (lost_bytes, unsent_frames) = board.losses();
+    let footprint = Footprint {
+        stack_bytes: board.stack_bytes(),
+        computer_bytes: size_of::<Computer>() as u32,
+        lost_bytes,
+        unsent_frames,
+    };
+    report(board, &Report::Footprint(footprint));
+}
+
+/// A line of text for whoever listens to MAVLink.
+#[inline(never)]
+fn warn<B: Board>(board: &mut B, text: &str) {
+    let own = Address {
+        system: 255,
+        component: 191,
+    };
+    let mut frame = [0; MAX_FRAME];
+    let frame = Encoder::new(own).encode_critical_text(text, &mut frame);
+    board.send(Line::Mavlink, frame);
+}
+
+/// What the loop keeps between rounds.
+#[derive(Debug, Default)]
+struct Flight {
+    /// Modulo 2^32, on the ground link and MAVLink.
+    received: [u32; 2],
+    sent: [u32; 2],
+    stop_asked: bool,
+    /// Slots done, when the watchdog was last fed; `None` before slot 1.
+    fed_at: Option<u32>,
+    broken_off: bool,
+}
+
+impl Flight {
+    /// A round at the time and with the bytes of a bench.
+    fn bench_round<B: Board>(&mut self, board: &mut B, computer: &mut Computer, tick: &Tick) {
+        let cost = self.round(board, computer, tick.now, Some(tick));
+        let place = computer.autopilot().position();
+        let tock = Tock {
+            ground_bytes: self.sent[0],
+            mavlink_bytes: self.sent[1],
+            stage: computer.stage(),
+            phase: computer.autopilot().phase(),
+            place: place.map(|sample| (sample.position, sample.altitude_m)),
+            cost,
+        };
+        report(board, &Report::Tock(tock));
+    }
+
+    fn round<B: Board>(
+        &mut self,
+        board: &mut B,
+        computer: &mut Computer,
+        now: Instant,
+        tick: Option<&Tick>,
+    ) -> Cost {
+        // On a bench, first all that belongs to this moment.
+        let mut working = 0;
+        loop {
+            let begun = board.cycles();
+            self.take(board, computer, now);
+            working += board.cycles().wrapping_sub(begun);
+            let due =
+                tick.is_some_and(|tick| self.received != [tick.ground_bytes, tick.mavlink_bytes]);
+            if !due {
+                break;
+            }
+            board.rest(false);
+        }
+        let begun = board.cycles();
+        if self.stop_asked {
+            self.stop_asked = false;
+            computer.autopilot_mut().stop(now);
+        }
+        let mut stopwatch = Stopwatch::new(board);
+        computer.poll(now, &mut stopwatch);
+        let Stopwatch { plan, allocate, .. } = stopwatch;
+        self.give(board, computer, now);
+        self.tell(board, computer);
+        self.feed_watchdog(board, computer);
+        working += board.cycles().wrapping_sub(begun);
+        let nanos = |cycles: u32| cycles.saturating_mul(B::NANOS_PER_CYCLE);
+        Cost {
+            round_ns: nanos(working),
+            plan_ns: nanos(plan),
+            allocate_ns: nanos(allocate),
+        }
+    }
+
+    /// What came.
+    #[inline(never)]
+    fn take<B: Board>(&mut self, board: &mut B, computer: &mut Computer, now: Instant) {
+        let mut piece = [0; PIECE];
+        for (received, line) in self.received.iter_mut().zip([Line::Ground, Line::Mavlink]) {
+            loop {
+                let length = board.receive(line, &mut piece);
+                if length == 0 {
+                    break;
+                }
+                *received = received.wrapping_add(length as u32);
+                match line {
+                    Line::Ground => computer.receive_ground(now, &piece[..length]),
+                    _ => computer.receive_mavlink(now, &piece[..length], false),
+                }
+            }
+        }
+    }
+
+    /// What is to be said.
+    #[inline(never)]
+    fn give<B: Board>(&mut self, board: &mut B, computer: &mut Computer, now: Instant) {
+        let [ground, mavlink] = &mut self.sent;
+        let mut frame = [0; MAX_FRAME];
+        while let Some(frame) = computer.take_mavlink_frame(now, &mut frame) {
+            if board.send(Line::Mavlink, frame) {
+                *mavlink = mavlink.wrapping_add(frame.len() as u32);
+            }
+        }
+        let mut frame = [0; FRAME_MAX];
+        while let Some(frame) = computer.take_ground_frame(&mut frame) {
+            if board.send(Line::Ground, frame) {
+                *ground = ground.wrapping_add(frame.len() as u32);
+            }
+        }
+    }
+
+    /// What happened, in words.
+    #[inline(never)]
+    fn tell<B: Board>(&mut self, board: &mut B, computer: &mut Computer) {
+        while let Some(event) = computer.autopilot_mut().take_next_event() {
+            report(board, &Report::Event(console::words(&event)));
+        }
+        if computer.stage() == Stage::Aborted && !self.broken_off {
+            self.broken_off = true;
+            let client = computer.autopilot();
+            let why = match (computer.fault(), client.fault()) {
+                (Some(fault), _) => console::words(&fault),
+                (None, Some(cause)) => console::words(&cause),
+                (None, None) => console::words(&client.phase()),
+            };
+            report(board, &Report::BrokenOff(why));
+        }
+    }
+
+    /// Only a finished slot feeds the watchdog, from the first slot to the last.
+    fn feed_watchdog<B: Board>(&mut self, board: &mut B, computer: &Computer) {
+        let controller = computer.controller();
+        let flying = computer.autopilot().phase() == Phase::Leg
+            || matches!(computer.stage(), Stage::Flying | Stage::Measuring);
+        if !flying {
+            if self.fed_at.take().is_some() {
+                board.watch(None);
+            }
+            return;
+        }
+        let done = controller.slots_done();
+        if self.fed_at != Some(done) {
+            self.fed_at = Some(done);
+            let slot_s = f64::from(controller.mission().parameters().slot_duration_s);
+            board.watch(Some(Duration::from_secs_f64(2.0 * slot_s) + SLOT_MARGIN));
+        }
+    }
+}
+
+/// Cycles of the two computations of a slot.
+struct Stopwatch<'b, B> {
+    board: &'b B,
+    begun: u32,
+    plan: u32,
+    allocate: u32,
+}
+
+impl<'b, B: Board> Stopwatch<'b, B> {
+    fn new(board: &'b B) -> Self {
+        Self {
+            board,
+            begun: 0,
+            plan: 0,
+            allocate: 0,
+        }
+    }
+}
+
+impl<B: Board> Probe for Stopwatch<'_, B> {
+    fn begin(&mut self, _: Activity) {
+        self.begun = self.board.cycles();
+    }
+
+    fn end(&mut self, activity: Activity) {
+        let cycles = self.board.cycles().wrapping_sub(self.begun);
+        match activity {
+            Activity::Plan => self.plan += cycles,
+            Activity::Allocate => self.allocate += cycles,
+        }
+    }
+}
