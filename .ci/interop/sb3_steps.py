@@ -1,13 +1,12 @@
-"""Stable-Baselines3's SAC gradient steps per second, one thread, beside `cargo bench -p trainer`.
+"""Stable-Baselines3's SAC gradient steps per second, one thread.
 
-    pip install torch
-    pip install stable-baselines3==2.9.0
-    python3 sb3_steps.py
+    sb3_steps.py [STEPS]
 
 MlpPolicy, net_arch [128, 128], batch 64, the sizes of the default mission (19 states). SB3 has no
-hybrid actions: its action is 17 continuous numbers.
+hybrid actions: its action is 17 continuous numbers, its critics answer with one value.
 """
 
+import sys
 import time
 
 import gymnasium
@@ -16,7 +15,7 @@ import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.logger import configure
 
-STEPS = 1_000
+STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000
 
 
 class Fixed(gymnasium.Env):
@@ -42,7 +41,7 @@ def main() -> None:
     model.train(gradient_steps=100, batch_size=64)
     start = time.perf_counter()
     model.train(gradient_steps=STEPS, batch_size=64)
-    print(f"stable-baselines3: {STEPS / (time.perf_counter() - start):.0f} gradient steps/s")
+    print(f"stable-baselines3 {STEPS / (time.perf_counter() - start):.1f}")
 
 
 if __name__ == "__main__":

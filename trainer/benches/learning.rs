@@ -1,12 +1,12 @@
-//! What learning costs, one thread: `cargo bench -p trainer`.
+//! What learning costs, one thread: `cargo bench -p trainer --bench learning [-- WHAT [STEPS]]`.
 //!
-//! `sac/step` and `ddpg/step` are whole gradient steps (sampling, targets, critics, policy,
-//! temperatures, target networks) at Table I's sizes: 19 states, 15 users, (128, 128), batch 64.
-//! `environment/slot` is a slot at J = 36, M = 15 with a random choice.
+//! `sac` and `ddpg` are whole gradient steps (sampling, targets, critics, policy, temperatures,
+//! target networks) at Table I's sizes: 19 states, 15 users, (128, 128), batch 64. `environment`
+//! is slots at J = 36, M = 15 with a random choice. Prints how many a second, `WHAT NUMBER` a
+//! line; with WHAT only that and from one round of STEPS, so that a script can take turns.
 
-use std::hint::black_box;
+use std::{hint::black_box, time::Instant};
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use host_sim::scenario::Scenario;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -57,42 +57,62 @@ fn memory<L: Learner>(environment: &mut Environment<f64>, rng: &mut Pcg64Mcg) ->
     replay
 }
 
-fn step<L: Learner>(criterion: &mut Criterion, algorithm: Algorithm) {
-    let settings = Settings::preset(Preset::Paper, algorithm, 1);
+/// So many a second, from a round of `steps` after a warm-up of a tenth.
+fn rate(steps: u32, mut step: impl FnMut()) -> f64 {
+    (0..steps / 10).for_each(|_| step());
+    let start = Instant::now();
+    (0..steps).for_each(|_| step());
+    f64::from(steps) / start.elapsed().as_secs_f64()
+}
+
+/// Gradient steps.
+fn learning<L: Learner + 'static>() -> Box<dyn FnMut()> {
+    let settings = Settings::preset(Preset::Paper, L::ALGORITHM, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut environment = environment(&settings);
     let replay = memory::<L>(&mut environment, &mut rng);
     let mut learner = L::new(&settings, environment.dimensions(), &mut rng);
-    let mut group = criterion.benchmark_group(algorithm.name());
-    group.throughput(Throughput::Elements(1));
-    group.bench_function("step", |bencher| {
-        bencher.iter(|| learner.learn(black_box(&replay), &mut rng));
-    });
+    Box::new(move || learner.learn(black_box(&replay), &mut rng))
 }
 
-fn slot(criterion: &mut Criterion) {
+/// Slots of episodes at random.
+fn flying() -> Box<dyn FnMut()> {
     let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut environment = environment(&settings);
     let users = environment.dimensions().users;
     let mut choice = Choice::default();
-    let mut group = criterion.benchmark_group("environment");
-    group.throughput(Throughput::Elements(1));
-    group.bench_function("slot", |bencher| {
-        bencher.iter(|| {
-            Sac::choose_at_random(users, environment.admissible(), &mut rng, &mut choice);
-            if environment.step(black_box(&choice)).last {
-                environment.reset();
-            }
-        });
-    });
+    Box::new(move || {
+        Sac::choose_at_random(users, environment.admissible(), &mut rng, &mut choice);
+        if environment.step(black_box(&choice)).last {
+            environment.reset();
+        }
+    })
 }
 
-fn learning(criterion: &mut Criterion) {
-    step::<Sac>(criterion, Algorithm::Sac);
-    step::<Ddpg>(criterion, Algorithm::Ddpg);
-    slot(criterion);
-}
+/// Median of an odd number of rounds.
+const ROUNDS: usize = 7;
 
-criterion_group!(benches, learning);
-criterion_main!(benches);
+fn main() {
+    // Cargo adds `--bench`.
+    let mut arguments = std::env::args().skip(1).filter(|a| !a.starts_with('-'));
+    let only = arguments.next();
+    let steps: Option<u32> = arguments.next().map(|text| text.parse().expect("STEPS"));
+    let contenders: [(&str, u32, fn() -> Box<dyn FnMut()>); 3] = [
+        ("sac", 1_000, learning::<Sac>),
+        ("ddpg", 1_000, learning::<Ddpg>),
+        ("environment", 100_000, flying),
+    ];
+    for (name, usual, make) in contenders {
+        if only.as_deref().is_some_and(|only| only != name) {
+            continue;
+        }
+        let mut step = make();
+        let rounds = if only.is_some() { 1 } else { ROUNDS };
+        let mut rates: Vec<f64> = (0..rounds)
+            .map(|_| rate(steps.unwrap_or(usual), &mut step))
+            .collect();
+        rates.sort_by(f64::total_cmp);
+        println!("{name} {:.1}", rates[rounds / 2]);
+    }
+}

@@ -43,7 +43,7 @@ fn plan(criterion: &mut Criterion) {
         .collect();
     micros.sort_by(f64::total_cmp);
     println!(
-        "plan/tract of 100,000: median {:.1} us, 99.9 % {:.1} us, worst {:.1} us",
+        "tract of 100,000: median {:.1} us, 99.9 % {:.1} us, worst {:.1} us",
         micros[50_000], micros[99_900], micros[99_999]
     );
 }

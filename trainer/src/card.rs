@@ -4,17 +4,9 @@ use std::fmt::Write as _;
 
 use crate::{
     checkpoint::{Evaluated, Progress},
+    compare::References,
     metrics::{EVALUATION, Row},
 };
-
-/// What the card compares the policy with, bit/s/Hz over the mission.
-#[derive(Clone, Copy, Debug)]
-pub struct References {
-    /// The straight line with the nearest admissible user.
-    pub straight_line: f64,
-    /// The search's feasible mission, where one was computed.
-    pub search: Option<f64>,
-}
 
 /// The card in Markdown. `name` is the files' stem.
 pub fn markdown(
@@ -22,14 +14,11 @@ pub fn markdown(
     command: &str,
     progress: &Progress,
     best: &Evaluated,
-    references: References,
+    references: &References,
 ) -> String {
     let s = &progress.settings;
     let rate = best.flight.sum_rate;
-    let search = match references.search {
-        Some(search) => format!("{search:.3} ({:.1} %)", 100.0 * rate / search),
-        None => "not computed here".into(),
-    };
+    let share = |other: f64| format!("{other:.3} (policy: {:.1} % of it)", 100.0 * rate / other);
     let rows = [
         ("Scenario", progress.scenario.clone()),
         ("Scenario digest", format!("`{}`", progress.scenario_digest)),
@@ -48,15 +37,9 @@ pub fn markdown(
                 best.flight.path_m.len()
             ),
         ),
-        (
-            "Straight line",
-            format!(
-                "{:.3} (policy: {:.1} % of it)",
-                references.straight_line,
-                100.0 * rate / references.straight_line
-            ),
-        ),
-        ("Search", search),
+        ("Straight line", share(references.straight_line)),
+        ("Search", share(references.search)),
+        ("No mission has more than", share(references.bound)),
         (
             "Constraints",
             format!(
@@ -78,8 +61,8 @@ pub fn markdown(
     }
     let _ = write!(
         card,
-        "\nThe same command writes the same bytes, whatever vector instructions the machine has \
-         (docs/training.md).\nThe shield acts in most slots because steps are asked for in a \
+        "\nThe same command writes the same bytes, with any of the vector instructions that \
+         docs/training.md names.\nSearch and bound are those of `host-sim bound`. The shield acts in most slots because steps are asked for in a \
          square and cut to the speed disc, and because\nusers that have had their slots are \
          passed over.\n\n![Learning curve]({name}.svg)\n"
     );
@@ -97,7 +80,7 @@ const MARGIN: f64 = 48.0;
 const WINDOW: usize = 40;
 
 /// Sum rate over episodes: with exploration (mean of 40) and deterministic.
-pub fn learning_curve(rows: &[Row], references: References) -> String {
+pub fn learning_curve(rows: &[Row], references: &References) -> String {
     let explored: Vec<(f64, f64)> = rows
         .chunks(WINDOW)
         .map(|rows| {
@@ -117,9 +100,7 @@ pub fn learning_curve(rows: &[Row], references: References) -> String {
         .collect();
     let last = explored.last().map_or(1.0, |point| point.0);
     let levels = explored.iter().chain(&evaluated).map(|point| point.1);
-    let levels = levels
-        .chain([references.straight_line])
-        .chain(references.search);
+    let levels = levels.chain([references.straight_line, references.search]);
     let (low, high) = levels.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), y| {
         (low.min(y), high.max(y))
     });
@@ -163,10 +144,9 @@ pub fn learning_curve(rows: &[Row], references: References) -> String {
         "end",
         "straight line",
     );
-    if let Some(search) = references.search {
-        svg += &line(&level(search), "stroke='#888' stroke-dasharray='6 4'");
-        svg += &text(x(last), y(search) - 4.0, "end", "search");
-    }
+    let search = references.search;
+    svg += &line(&level(search), "stroke='#888' stroke-dasharray='6 4'");
+    svg += &text(x(last), y(search) - 4.0, "end", "search");
     svg += &line(&explored, "stroke='#9ab' stroke-width='1.5'");
     svg += &line(&evaluated, "stroke='#c40' stroke-width='1.2'");
     svg += &text(

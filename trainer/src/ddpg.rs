@@ -261,46 +261,9 @@ impl Ddpg {
 mod tests {
     use super::*;
     use crate::{
+        fixture::{BATCH, column, double, every_arch, filled},
         nn::mlp::reference::{check_gradient, forward},
-        replay::Transition,
-        settings::Preset,
     };
-    use rand::{RngExt, SeedableRng};
-
-    const DIMENSIONS: Dimensions = Dimensions {
-        users: 3,
-        observation: 7,
-    };
-
-    fn filled() -> (Ddpg, Replay, Pcg64Mcg) {
-        let mut rng = Pcg64Mcg::seed_from_u64(17);
-        let mut settings = Settings::preset(Preset::Paper, Algorithm::Ddpg, 17);
-        (settings.batch, settings.hidden) = (13, 20);
-        let ddpg = Ddpg::new(&settings, DIMENSIONS, &mut rng);
-        let mut replay = Replay::new(100, 7, 5);
-        for i in 0..100 {
-            let numbers: Vec<f32> = (0..19).map(|_| rng.random_range(-1.0..1.0)).collect();
-            replay.push(Transition {
-                observation: &numbers[..7],
-                action: &numbers[7..12],
-                user: 0,
-                reward: numbers[0] + 2.0,
-                next_observation: &numbers[12..],
-                last: i % 5 == 0,
-                admissible: 7,
-                next_admissible: 7,
-            });
-        }
-        (ddpg, replay, rng)
-    }
-
-    fn column(matrix: &[f32], s: usize) -> Vec<f64> {
-        matrix.chunks(16).map(|row| row[s].into()).collect()
-    }
-
-    fn double(network: &Mlp) -> Vec<f64> {
-        network.parameters().iter().map(|&x| x.into()).collect()
-    }
 
     fn value(critic: &Mlp, parameters: &[f64], state: &[f64], action: Vec<f64>) -> f64 {
         let input: Vec<f64> = state.iter().copied().chain(action).collect();
@@ -309,13 +272,14 @@ mod tests {
 
     #[test]
     fn the_critic_loss_and_its_gradient_match_finite_differences() {
-        let (mut ddpg, replay, mut rng) = filled();
+        let (mut ddpg, replay, mut rng) = filled::<Ddpg>();
         replay.sample(&mut rng, &mut ddpg.batch);
         ddpg.evaluate_bellman_target();
+        let width = ddpg.batch.width;
         let (mu, q) = (&ddpg.state.target_actor, &ddpg.state.target_critic);
-        let targets: Vec<f64> = (0..13)
+        let targets: Vec<f64> = (0..BATCH)
             .map(|s| {
-                let next = column(&ddpg.batch.next_observation, s);
+                let next = column(&ddpg.batch.next_observation, width, s);
                 let action = forward(mu, &double(mu), &next)
                     .iter()
                     .map(|u| u.tanh())
@@ -329,10 +293,10 @@ mod tests {
         let batch = &ddpg.batch;
         let reference = |parameters: &[f64]| {
             let error = |s: usize| {
-                let state = column(&batch.observation, s);
-                value(&critic, parameters, &state, column(&batch.action, s)) - targets[s]
+                let state = column(&batch.observation, width, s);
+                value(&critic, parameters, &state, column(&batch.action, width, s)) - targets[s]
             };
-            (0..13).map(|s| 0.5 * error(s).powi(2)).sum::<f64>() / 13.0
+            (0..BATCH).map(|s| 0.5 * error(s).powi(2)).sum::<f64>() / BATCH as f64
         };
         assert!((f64::from(loss) - reference(&double(&critic))).abs() < 1e-5);
         let gradient = &ddpg.gradient[..critic.parameters().len()];
@@ -341,24 +305,41 @@ mod tests {
 
     #[test]
     fn the_actor_loss_and_its_gradient_match_finite_differences() {
-        let (mut ddpg, replay, mut rng) = filled();
+        let (mut ddpg, replay, mut rng) = filled::<Ddpg>();
         replay.sample(&mut rng, &mut ddpg.batch);
-        let actor = ddpg.state.actor.clone();
+        let (width, actor) = (ddpg.batch.width, ddpg.state.actor.clone());
         let loss = ddpg.update_actor();
         let critic = &ddpg.state.critic;
         let fixed = double(critic);
         let reference = |parameters: &[f64]| {
             let cost = |s: usize| {
-                let state = column(&ddpg.batch.observation, s);
+                let state = column(&ddpg.batch.observation, width, s);
                 let action = forward(&actor, parameters, &state);
                 let action = action.iter().map(|u| u.tanh()).collect();
                 -value(critic, &fixed, &state, action)
             };
-            (0..13).map(cost).sum::<f64>() / 13.0
+            (0..BATCH).map(cost).sum::<f64>() / BATCH as f64
         };
         assert!((f64::from(loss) - reference(&double(&actor))).abs() < 1e-5);
         let gradient = &ddpg.gradient[..actor.parameters().len()];
         check_gradient(actor.parameters(), gradient, 300, reference);
+    }
+
+    /// The same bits whatever vector instructions there are.
+    #[test]
+    fn same_seed_same_bytes_with_any_vector_instructions() {
+        let run = |arch: Arch| {
+            let (mut ddpg, replay, mut rng) = filled::<Ddpg>();
+            ddpg.arch = arch;
+            for _ in 0..60 {
+                ddpg.learn(&replay, &mut rng);
+            }
+            (ddpg.state.clone(), ddpg.losses)
+        };
+        let plain = run(Arch::Scalar);
+        for arch in every_arch() {
+            assert_eq!(run(arch), plain, "{arch:?}");
+        }
     }
 
     #[test]

@@ -35,6 +35,8 @@ enum Command {
     Probe(command::Probe),
     /// Write a run's best policy with its model card and learning curve
     Publish(command::Publish),
+    /// Set the best policies of several runs beside the straight line, the search and the bound
+    Compare(command::Compare),
     /// Gather the learning curves of several runs in one CSV file
     Curves(command::Curves),
 }
@@ -47,6 +49,7 @@ fn main() -> ExitCode {
         Command::Evaluate(evaluate) => evaluate.execute(),
         Command::Probe(probe) => probe.execute(),
         Command::Publish(publish) => publish.execute(),
+        Command::Compare(compare) => compare.execute(),
         Command::Curves(curves) => curves.execute(),
     };
     match outcome {

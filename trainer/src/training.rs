@@ -1,19 +1,8 @@
 //! Runs that can be trusted: the loop around a [`Learner`].
 //!
-//! A directory holds a run:
-//!
-//! | file | |
-//! |---|---|
-//! | `policy.onnx` | the best policy so far, by deterministic evaluation |
-//! | `metrics.csv`, `events.out.tfevents.*` | see [`crate::metrics`] |
-//! | `checkpoint.bin` | see [`crate::checkpoint`]; `--resume` goes on from it, bit for bit |
-//! | `settings.toml` | everything that was set |
-//! | `diverged.json` | the batch on which a loss became NaN or exploded, if one did |
+//! What it leaves in its directory: [`crate::run`].
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{path::PathBuf, time::Instant};
 
 use anyhow::{Context, bail, ensure};
 use firmware_core::policy::{Provenance, mlp::Mlp};
@@ -32,6 +21,7 @@ use crate::{
     nn::padded,
     onnx,
     replay::{Replay, Transition, scatter},
+    run::{CHECKPOINT, POLICY, SCENARIO},
     settings::Settings,
     tensorboard::EventWriter,
 };
@@ -87,6 +77,7 @@ impl<L: Learner> Training<L> {
         std::fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
         let settings = toml::to_string(&progress.settings)?;
         write_atomically(&directory.join("settings.toml"), settings.as_bytes())?;
+        write_atomically(&directory.join(SCENARIO), scenario.to_toml().as_bytes())?;
         Ok(Self::assemble(
             progress, learner, replay, scenario, directory,
         ))
@@ -328,11 +319,6 @@ impl<L: Learner> Training<L> {
     }
 }
 
-/// A run's checkpoint in its directory.
-pub const CHECKPOINT: &str = "checkpoint.bin";
-/// A run's best policy in its directory.
-pub const POLICY: &str = "policy.onnx";
-
 /// A learner's deterministic policy with all that its files carry.
 pub fn actor_of<L: Learner>(
     learner: &L,
@@ -381,9 +367,4 @@ fn progress_bar(progress: &Progress, shown: bool) -> ProgressBar {
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_position(progress.episode.into());
     bar
-}
-
-/// Whether a directory holds a run already.
-pub fn has_run(directory: &Path) -> bool {
-    directory.join(CHECKPOINT).exists()
 }

@@ -120,6 +120,32 @@ fn a_damaged_checkpoint_or_another_scenario_is_refused() {
     refused(&["--resume"], "it is damaged");
 }
 
+/// A run at another threshold than its scenario's says so itself.
+#[test]
+fn a_run_keeps_the_scenario_that_it_was_made_on() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    let arguments = ["--episodes", "4", "--mse-threshold", "0.02"];
+    succeed(train(&directory, &arguments));
+    let curves = || {
+        let mut command = Command::new(cargo_bin("trainer"));
+        command.arg("curves").arg(&directory).arg("--out");
+        command.arg(home.path().join("curves.csv"));
+        command
+    };
+    succeed(curves());
+    let text = fs::read_to_string(home.path().join("curves.csv")).expect("written");
+    assert!(text.contains("separated,sac,0.0001,1,4,"), "{text}");
+
+    // Without it, the shipped scenario of that name is another.
+    fs::remove_file(directory.join("scenario.toml")).expect("was there");
+    let output = curves().output().expect("runs");
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{errors}");
+    assert!(errors.contains("the run was made on"), "{errors}");
+    assert_eq!(errors.lines().count(), 1, "{errors}");
+}
+
 #[test]
 fn a_diverging_run_stops_and_leaves_its_batch() {
     let home = tempfile::tempdir().expect("temporary");

@@ -252,6 +252,7 @@ pub fn transpose(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixture::every_arch;
     use rand::{Rng, RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
@@ -286,29 +287,27 @@ mod tests {
                     let b = random(k * columns, &mut rng);
                     let bias = random(rows, &mut rng);
                     let gate = random(rows * columns, &mut rng);
-                    let mut c = vec![f32::NAN; rows * columns];
                     for left in [Left::rows(&a, rows, k), Left::transposed(&a, rows, rows)] {
                         let plain = reference(left, &b, k, columns);
-                        let arch = Arch::new();
-                        product(arch, left, &b, &mut c, k, columns, Epilogue::None);
-                        assert_eq!(c, plain);
-                        product(arch, left, &b, &mut c, k, columns, Epilogue::Bias(&bias));
-                        let with_bias = |i: usize| plain[i] + bias[i / columns];
-                        assert!((0..c.len()).all(|i| c[i] == with_bias(i)));
-                        product(
-                            arch,
-                            left,
-                            &b,
-                            &mut c,
-                            k,
-                            columns,
-                            Epilogue::BiasRelu(&bias),
-                        );
-                        assert!((0..c.len()).all(|i| c[i] == with_bias(i).max(0.0)));
-                        let epilogue = Epilogue::WherePositive(&gate);
-                        product(arch, left, &b, &mut c, k, columns, epilogue);
-                        let gated = |i: usize| if gate[i] > 0.0 { plain[i] } else { 0.0 };
-                        assert!((0..c.len()).all(|i| c[i] == gated(i)));
+                        for arch in every_arch() {
+                            let with = |epilogue| {
+                                let mut c = vec![f32::NAN; rows * columns];
+                                product(arch, left, &b, &mut c, k, columns, epilogue);
+                                c
+                            };
+                            let expected = |of: &dyn Fn(usize) -> f32| -> Vec<f32> {
+                                (0..rows * columns).map(of).collect()
+                            };
+                            let biased = |i: usize| plain[i] + bias[i / columns];
+                            let gated = |i: usize| if gate[i] > 0.0 { plain[i] } else { 0.0 };
+                            assert_eq!(with(Epilogue::None), plain, "{arch:?}");
+                            assert_eq!(with(Epilogue::Bias(&bias)), expected(&biased));
+                            assert_eq!(
+                                with(Epilogue::BiasRelu(&bias)),
+                                expected(&|i| biased(i).max(0.0))
+                            );
+                            assert_eq!(with(Epilogue::WherePositive(&gate)), expected(&gated));
+                        }
                     }
                 }
             }

@@ -1,0 +1,166 @@
+//! `trainer export|convert|evaluate|probe`: one policy at a time.
+
+use std::{
+    fs,
+    io::{BufWriter, Write, stdout},
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Error, anyhow};
+use clap::Args;
+use firmware_core::{
+    USERS_MAX,
+    policy::{
+        Policy, StraightLine,
+        mlp::{self, Mlp},
+    },
+};
+use host_sim::scenario::{Scenario, ScenarioChoice};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
+use trainer::{
+    checkpoint,
+    evaluate::{Flight, fly},
+    onnx,
+};
+
+use super::{Failure, Outcome, write};
+
+#[derive(Debug, Args)]
+pub(crate) struct Export {
+    /// A run's checkpoint.bin
+    checkpoint: PathBuf,
+    /// The file to write
+    #[arg(long, value_name = "FILE")]
+    onnx: PathBuf,
+    /// The latest policy instead of the best
+    #[arg(long)]
+    latest: bool,
+}
+
+impl Export {
+    pub(crate) fn execute(self) -> Outcome {
+        let progress = checkpoint::read_progress(&self.checkpoint).map_err(Failure::BadInput)?;
+        let best = progress.best.filter(|_| !self.latest);
+        let actor = best.map_or(progress.latest, |best| best.actor);
+        write(&self.onnx, &onnx::write(&actor))
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Convert {
+    /// The policy to read
+    onnx: PathBuf,
+    /// The file to write
+    policy: PathBuf,
+}
+
+impl Convert {
+    pub(crate) fn execute(self) -> Outcome {
+        let actor = onnx::read::read(&self.onnx).map_err(Failure::BadInput)?;
+        let file = actor.to_policy_file().map_err(Failure::BadInput)?;
+        // What will be refused on board is not written.
+        Mlp::load(&file[..]).map_err(|error| Failure::BadInput(error.into()))?;
+        write(&self.policy, &file)
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Evaluate {
+    /// A .onnx or .policy file, or `straight-line`
+    policy: PathBuf,
+    #[command(flatten)]
+    mission: ScenarioChoice,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Evaluate {
+    pub(crate) fn execute(self) -> Outcome {
+        let (scenario, mut policy) = self.load().map_err(Failure::BadInput)?;
+        let flight = fly(&scenario.mission, &mut *policy).map_err(Failure::Failed)?;
+        self.print(&flight).map_err(Failure::Failed)
+    }
+
+    fn load(&self) -> anyhow::Result<(Scenario, Box<dyn Policy<f64, USERS_MAX>>)> {
+        let scenario = self.mission.load().map_err(Error::msg)?;
+        if self.policy == Path::new("straight-line") {
+            let policy = Box::new(StraightLine::new(&scenario.mission));
+            return Ok((scenario, policy));
+        }
+        let file = if self.policy.extension().is_some_and(|e| e == "onnx") {
+            onnx::read::read(&self.policy)?.to_policy_file()?
+        } else {
+            fs::read(&self.policy).with_context(|| self.policy.display().to_string())?
+        };
+        let policy: Mlp<Vec<u8>> = Mlp::load(file)
+            .map_err(|error: mlp::LoadError| anyhow!("{}: {error}", self.policy.display()))?;
+        let fits = policy.provenance().check(&scenario.mission);
+        fits.with_context(|| self.policy.display().to_string())?;
+        Ok((scenario, Box::new(policy)))
+    }
+
+    fn print(&self, flight: &Flight) -> anyhow::Result<()> {
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(flight)?);
+            return Ok(());
+        }
+        println!(
+            "sum rate {:.3} bit/s/Hz; arrived {} ({:.1} m left); fair {}; MSE violations {}; \
+             shield interventions {}",
+            flight.sum_rate,
+            flight.arrived,
+            flight.arrival_distance_m,
+            flight.fair,
+            flight.mse_violations,
+            flight.shield_interventions
+        );
+        Ok(())
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Probe {
+    /// A .onnx file
+    onnx: PathBuf,
+    /// How many observations
+    #[arg(long, default_value_t = 10_000)]
+    count: usize,
+    /// Where random numbers start
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+#[derive(Serialize)]
+struct ProbeLine<'a> {
+    observation: &'a [f32],
+    displacement: &'a [f32],
+    user_scores: &'a [f32],
+}
+
+impl Probe {
+    pub(crate) fn execute(self) -> Outcome {
+        let load = || -> anyhow::Result<_> {
+            let actor = onnx::read::read(&self.onnx)?;
+            let policy = Mlp::load(actor.to_policy_file()?)?;
+            Ok((actor, policy))
+        };
+        let (actor, policy) = load().map_err(Failure::BadInput)?;
+        let mut rng = Pcg64Mcg::seed_from_u64(self.seed);
+        let mut out = BufWriter::new(stdout().lock());
+        for _ in 0..self.count {
+            let observation = actor.random_observation(&mut rng);
+            let outputs = policy.evaluate(&observation);
+            let line = serde_json::to_string(&ProbeLine {
+                observation: &observation,
+                displacement: &outputs[..2],
+                user_scores: &outputs[2..],
+            });
+            let line = line.map_err(|error| Failure::Failed(error.into()))?;
+            writeln!(out, "{line}").map_err(|error| Failure::Failed(error.into()))?;
+        }
+        out.flush().map_err(|error| Failure::Failed(error.into()))
+    }
+}

@@ -1,0 +1,132 @@
+//! `trainer publish|compare|curves`: what runs came to.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Error};
+use clap::Args;
+use host_sim::document;
+use trainer::{
+    card,
+    compare::{Comparison, References},
+    metrics::EVALUATION,
+    onnx,
+    run::Run,
+};
+
+use super::{Failure, Outcome, write};
+
+#[derive(Debug, Args)]
+pub(crate) struct Publish {
+    /// A run's directory
+    run: PathBuf,
+    /// Stem of the files to write: STEM.onnx, STEM.md, STEM.svg
+    #[arg(long)]
+    stem: PathBuf,
+    /// The command that made the run, for the card
+    #[arg(long)]
+    command: String,
+}
+
+impl Publish {
+    pub(crate) fn execute(self) -> Outcome {
+        for (extension, bytes) in self.files().map_err(Failure::BadInput)? {
+            write(&self.stem.with_extension(extension), &bytes)?;
+        }
+        Ok(())
+    }
+
+    fn files(&self) -> anyhow::Result<[(&'static str, Vec<u8>); 3]> {
+        let Run { progress, scenario } = Run::open(&self.run)?;
+        let best = progress.best.as_ref();
+        let best = best.context("the run has no admissible policy")?;
+        let references = References::of(&scenario.mission)?;
+        let name = self.stem.file_name().unwrap_or_default().to_string_lossy();
+        let card = card::markdown(&name, &self.command, &progress, best, &references);
+        let curve = card::learning_curve(&progress.rows, &references);
+        Ok([
+            ("onnx", onnx::write(&best.actor)),
+            ("md", card.into_bytes()),
+            ("svg", curve.into_bytes()),
+        ])
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Compare {
+    /// Directories of runs
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// Write the table into this document, between <!-- NAME --> and <!-- /NAME -->
+    #[arg(long, value_name = "FILE", requires = "name")]
+    into: Option<PathBuf>,
+    /// The name of the table's marks
+    #[arg(long, requires = "into")]
+    name: Option<String>,
+    /// Fail unless SAC is above the straight line and at or above DDPG on every mission
+    #[arg(long)]
+    check: bool,
+}
+
+impl Compare {
+    pub(crate) fn execute(self) -> Outcome {
+        let comparison = Comparison::of(&self.runs).map_err(Failure::BadInput)?;
+        let table = comparison.markdown();
+        match (&self.into, &self.name) {
+            (Some(path), Some(name)) => document::write_table(path, name, &table)
+                .map_err(|problem| Failure::BadInput(Error::msg(problem)))?,
+            _ => print!("{table}"),
+        }
+        if self.check {
+            comparison.check().map_err(Failure::Failed)?;
+        }
+        Ok(())
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Curves {
+    /// Directories of runs
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// The CSV file to write
+    #[arg(long)]
+    out: PathBuf,
+    /// Episodes that a row averages over
+    #[arg(long, default_value_t = 40)]
+    window: usize,
+}
+
+impl Curves {
+    pub(crate) fn execute(self) -> Outcome {
+        let text = self.text().map_err(Failure::BadInput)?;
+        write(&self.out, text.as_bytes())
+    }
+
+    fn text(&self) -> anyhow::Result<String> {
+        let mut text = String::from(
+            "scenario,algorithm,learning_rate,seed,episode,episodic_return,sum_rate,eval_sum_rate\n",
+        );
+        for directory in &self.runs {
+            let Run { progress, .. } = Run::open(directory)?;
+            let s = &progress.settings;
+            for rows in progress.rows.chunks(self.window.max(1)) {
+                let mean = |column: &str| {
+                    let values: Vec<f64> = rows.iter().filter_map(|row| row.get(column)).collect();
+                    values.iter().sum::<f64>() / values.len() as f64
+                };
+                text += &format!(
+                    "{},{},{},{},{},{:.4},{:.4},{:.4}\n",
+                    progress.scenario,
+                    s.algorithm.name(),
+                    s.policy_learning_rate,
+                    s.seed,
+                    rows[rows.len() - 1].episode,
+                    mean("charts/episodic_return"),
+                    mean("charts/sum_rate"),
+                    mean(EVALUATION),
+                );
+            }
+        }
+        Ok(text)
+    }
+}

@@ -1,0 +1,349 @@
+//! Trained policies beside what they are to be measured by: the fair straight line, the search's
+//! feasible mission, and the bound that no mission exceeds.
+
+use std::{fmt::Write as _, path::Path};
+
+use anyhow::{Context, bail, ensure};
+use firmware_core::policy::{StraightLine, mlp::Mlp};
+use host_sim::{
+    bound,
+    scenario::{HostMission, Scenario},
+};
+
+use crate::{
+    evaluate::fly,
+    run::Run,
+    settings::{Algorithm, Preset, Settings},
+};
+
+/// What a policy on a mission is compared with, bit/s/Hz over the mission.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct References {
+    /// The straight line with the nearest admissible user.
+    pub straight_line: f64,
+    /// The search's feasible mission: `lower` of `host-sim bound`.
+    pub search: f64,
+    /// No mission has more: `upper` of `host-sim bound`.
+    pub bound: f64,
+}
+
+impl References {
+    /// Flies, searches and certifies: about a second for a shipped mission.
+    ///
+    /// # Errors
+    /// A mission that cannot be bounded.
+    pub fn of(mission: &HostMission) -> anyhow::Result<Self> {
+        let bound = bound::certify(mission, &bound::Settings::default(), |_| ())?;
+        Ok(Self {
+            straight_line: fly(mission, StraightLine::new(mission))?.sum_rate,
+            search: bound.lower,
+            bound: bound.upper,
+        })
+    }
+}
+
+/// Learners (rows) on missions (columns).
+#[derive(Debug)]
+pub struct Comparison {
+    missions: Vec<Mission>,
+    learners: Vec<Contender>,
+}
+
+#[derive(Debug)]
+struct Mission {
+    label: String,
+    digest: String,
+    references: References,
+}
+
+#[derive(Debug)]
+struct Contender {
+    label: String,
+    algorithm: Algorithm,
+    /// By mission, the total rates of its seeds.
+    rates: Vec<Vec<f64>>,
+}
+
+impl Comparison {
+    /// Flies the best policy of every run.
+    ///
+    /// # Errors
+    /// A directory that is no run, a policy that breaks a constraint.
+    pub fn of(directories: &[impl AsRef<Path>]) -> anyhow::Result<Self> {
+        let mut comparison = Self {
+            missions: Vec::new(),
+            learners: Vec::new(),
+        };
+        for directory in directories {
+            let directory = directory.as_ref();
+            let run = Run::open(directory)?;
+            let adding = comparison.add(&run);
+            adding.with_context(|| directory.display().to_string())?;
+        }
+        Ok(comparison)
+    }
+
+    fn add(&mut self, run: &Run) -> anyhow::Result<()> {
+        let best = run.progress.best.as_ref();
+        let best = best.context("the run has no admissible policy")?;
+        let mission = &run.scenario.mission;
+        let flight = fly(mission, Mlp::load(best.actor.to_policy_file()?)?)?;
+        ensure!(
+            flight.is_admissible(),
+            "its best policy breaks a constraint"
+        );
+        let column = self.column(&run.scenario)?;
+        let settings = &run.progress.settings;
+        let label = label(settings)?;
+        let known = self.learners.iter().position(|row| row.label == label);
+        let row = known.unwrap_or_else(|| {
+            self.learners.push(Contender {
+                label,
+                algorithm: settings.algorithm,
+                rates: Vec::new(),
+            });
+            self.learners.len() - 1
+        });
+        let rates = &mut self.learners[row].rates;
+        rates.resize(rates.len().max(column + 1), Vec::new());
+        rates[column].push(flight.sum_rate);
+        Ok(())
+    }
+
+    fn column(&mut self, scenario: &Scenario) -> anyhow::Result<usize> {
+        let digest = scenario.digest();
+        if let Some(known) = self.missions.iter().position(|m| m.digest == digest) {
+            return Ok(known);
+        }
+        self.missions.push(Mission {
+            label: mission_label(scenario),
+            digest,
+            references: References::of(&scenario.mission)?,
+        });
+        Ok(self.missions.len() - 1)
+    }
+
+    /// The table: total rates, their share of the search's, the best learner of a column in bold.
+    pub fn markdown(&self) -> String {
+        let mut table = String::from("| scenario, Gamma");
+        for mission in &self.missions {
+            // Writing to a string cannot fail.
+            let _ = write!(table, " | {}", mission.label);
+        }
+        let _ = writeln!(table, " |\n|---{}|", "|---".repeat(self.missions.len()));
+        let mut row = |label: &str, cell: &dyn Fn(usize, &Mission) -> String| {
+            let cells = self.missions.iter().enumerate();
+            let cells: Vec<String> = cells.map(|(i, mission)| cell(i, mission)).collect();
+            let _ = writeln!(table, "| {label} | {} |", cells.join(" | "));
+        };
+        let share = |rate: f64, mission: &Mission| {
+            let share = 100.0 * rate / mission.references.search;
+            format!("{rate:.2} ({share:.1} %)")
+        };
+        row("fair straight line", &|_, mission| {
+            share(mission.references.straight_line, mission)
+        });
+        for learner in &self.learners {
+            row(&learner.label, &|i, mission| match learner.mean(i) {
+                None => String::new(),
+                Some(mean) => {
+                    let others = self.learners.iter().filter_map(|other| other.mean(i));
+                    let best = others.fold(f64::NEG_INFINITY, f64::max);
+                    let mark = if mean == best { "**" } else { "" };
+                    format!("{mark}{}{mark}{}", share(mean, mission), learner.seeds(i))
+                }
+            });
+        }
+        row("search", &|_, mission| {
+            format!("{:.2}", mission.references.search)
+        });
+        row("no mission has more than", &|_, mission| {
+            format!("{:.2}", mission.references.bound)
+        });
+        table
+    }
+
+    /// On every mission each kind of SAC is above the straight line, and one of them at or above
+    /// every DDPG.
+    ///
+    /// # Errors
+    /// The first mission on which it is not.
+    pub fn check(&self) -> anyhow::Result<()> {
+        for (i, mission) in self.missions.iter().enumerate() {
+            let of = |algorithm| {
+                let rows = self.learners.iter();
+                let rows = rows.filter(move |row| row.algorithm == algorithm);
+                rows.filter_map(move |row| row.mean(i))
+            };
+            let line = mission.references.straight_line;
+            let Some(worst) = of(Algorithm::Sac).reduce(f64::min) else {
+                bail!("{}: no run of SAC", mission.label);
+            };
+            let best = of(Algorithm::Sac).fold(worst, f64::max);
+            let label = &mission.label;
+            ensure!(
+                worst > line,
+                "{label}: SAC has {worst:.3}, the straight line {line:.3}"
+            );
+            for ddpg in of(Algorithm::Ddpg) {
+                ensure!(best >= ddpg, "{label}: SAC has {best:.3}, DDPG {ddpg:.3}");
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Contender {
+    fn mean(&self, mission: usize) -> Option<f64> {
+        let rates = self.rates.get(mission).filter(|rates| !rates.is_empty())?;
+        Some(rates.iter().sum::<f64>() / rates.len() as f64)
+    }
+
+    /// Where there are several: from the worst to the best.
+    fn seeds(&self, mission: usize) -> String {
+        let rates = &self.rates[mission];
+        if rates.len() < 2 {
+            return String::new();
+        }
+        let least = rates.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = rates.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        format!(", {} seeds from {least:.2} to {most:.2}", rates.len())
+    }
+}
+
+/// Name and threshold, and what else is not as in the shipped scenario of that name.
+fn mission_label(scenario: &Scenario) -> String {
+    let p = scenario.mission.parameters();
+    let mut label = format!("{} {:.3}", scenario.name, p.mse_threshold);
+    if let Some(shipped) = Scenario::shipped(&scenario.name) {
+        let usual = shipped.mission.parameters();
+        if p.slots != usual.slots {
+            let _ = write!(label, ", N = {}", p.slots);
+        }
+        if p.noise_power != usual.noise_power {
+            let dbm = 10.0 * p.noise_power.0.log10() + 30.0;
+            let _ = write!(label, ", {dbm:.0} dBm");
+        }
+    }
+    label
+}
+
+/// Settings whose effect is only on what is kept and when.
+const BESIDE_LEARNING: [&str; 4] = ["algorithm", "seed", "evaluate_every", "checkpoint_every"];
+const LEARNING_RATES: [&str; 3] = [
+    "policy_learning_rate",
+    "critic_learning_rate",
+    "temperature_learning_rate",
+];
+
+/// The algorithm, and what is not as in Table I.
+fn label(settings: &Settings) -> anyhow::Result<String> {
+    let name = settings.algorithm.name().to_uppercase();
+    let preset = |preset| Settings::preset(preset, settings.algorithm, settings.seed);
+    let table = |settings: &Settings| toml::Table::try_from(settings);
+    let (own, paper) = (table(settings)?, table(&preset(Preset::Paper))?);
+    let changed = own.iter().filter(|(key, value)| {
+        !BESIDE_LEARNING.contains(&key.as_str()) && paper.get(*key) != Some(value)
+    });
+    let mut changed: Vec<(&str, String)> = changed
+        .map(|(key, value)| (key.as_str(), shown(value)))
+        .collect();
+    let rate = settings.policy_learning_rate;
+    if settings.critic_learning_rate == rate
+        && settings.temperature_learning_rate == rate
+        && changed.iter().any(|(key, _)| LEARNING_RATES.contains(key))
+    {
+        changed.retain(|(key, _)| !LEARNING_RATES.contains(key));
+        changed.push(("learning rates", format!("{rate:e}")));
+    }
+    if changed.is_empty() {
+        return Ok(name);
+    }
+    let changed: Vec<String> = changed
+        .iter()
+        .map(|(key, value)| format!("{} {value}", key.replace('_', " ")))
+        .collect();
+    Ok(format!("{name}, {}", changed.join(", ")))
+}
+
+/// A number with the digits that its single precision has.
+fn shown(value: &toml::Value) -> String {
+    match value {
+        toml::Value::Float(number) => (*number as f32).to_string(),
+        toml::Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(algorithm: Algorithm) -> Settings {
+        Settings::preset(Preset::Paper, algorithm, 4)
+    }
+
+    #[test]
+    fn a_label_says_what_is_not_as_in_table_one() {
+        let mut s = settings(Algorithm::Sac);
+        assert_eq!(label(&s).unwrap(), "SAC");
+        (s.evaluate_every, s.discount) = (50, 0.98);
+        assert_eq!(label(&s).unwrap(), "SAC, discount 0.98");
+        let tuned = Settings::preset(Preset::Tuned, Algorithm::Sac, 1);
+        assert_eq!(
+            label(&tuned).unwrap(),
+            "SAC, discount 0.95, learning rates 3e-4"
+        );
+        s = settings(Algorithm::Ddpg);
+        s.critic_learning_rate = 1e-3;
+        assert_eq!(label(&s).unwrap(), "DDPG, critic learning rate 0.001");
+    }
+
+    fn comparison(sac: &[f64], ddpg: f64) -> Comparison {
+        let contender = |label: &str, algorithm, rates: &[f64]| Contender {
+            label: label.into(),
+            algorithm,
+            rates: vec![rates.to_vec()],
+        };
+        Comparison {
+            missions: vec![Mission {
+                label: "there 0.015".into(),
+                digest: String::new(),
+                references: References {
+                    straight_line: 50.0,
+                    search: 80.0,
+                    bound: 81.0,
+                },
+            }],
+            learners: vec![
+                contender("SAC", Algorithm::Sac, sac),
+                contender("DDPG", Algorithm::Ddpg, &[ddpg]),
+            ],
+        }
+    }
+
+    #[test]
+    fn a_table_has_rates_shares_and_seeds() {
+        let table = comparison(&[60.0, 64.0], 56.0).markdown();
+        assert_eq!(
+            table,
+            "| scenario, Gamma | there 0.015 |\n|---|---|\n\
+             | fair straight line | 50.00 (62.5 %) |\n\
+             | SAC | **62.00 (77.5 %)**, 2 seeds from 60.00 to 64.00 |\n\
+             | DDPG | 56.00 (70.0 %) |\n\
+             | search | 80.00 |\n| no mission has more than | 81.00 |\n"
+        );
+    }
+
+    #[test]
+    fn sac_below_the_line_or_below_ddpg_is_noticed() {
+        comparison(&[60.0], 59.0).check().unwrap();
+        let problem = |sac, ddpg| comparison(&[sac], ddpg).check().unwrap_err().to_string();
+        let below = "there 0.015: SAC has 49.000, the straight line 50.000";
+        assert_eq!(problem(49.0, 48.0), below);
+        assert_eq!(
+            problem(60.0, 61.0),
+            "there 0.015: SAC has 60.000, DDPG 61.000"
+        );
+    }
+}

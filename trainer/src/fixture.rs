@@ -1,0 +1,71 @@
+//! What the tests of both learners start from.
+
+use pulp::Arch;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use crate::{
+    learner::{Dimensions, Learner},
+    nn::Mlp,
+    replay::{Replay, Transition},
+    settings::{Preset, Settings},
+};
+
+pub(crate) const DIMENSIONS: Dimensions = Dimensions {
+    users: 4,
+    observation: 8,
+};
+
+/// A batch that is no multiple of any vector's length.
+pub(crate) const BATCH: usize = 21;
+
+/// A small learner and 300 transitions at random, some last, some with users excluded.
+pub(crate) fn filled<L: Learner>() -> (L, Replay, Pcg64Mcg) {
+    let mut rng = Pcg64Mcg::seed_from_u64(7);
+    let mut settings = Settings::preset(Preset::Paper, L::ALGORITHM, 7);
+    (settings.batch, settings.hidden) = (BATCH, 24);
+    let learner = L::new(&settings, DIMENSIONS, &mut rng);
+    let (state, action) = (DIMENSIONS.observation, L::action_len(DIMENSIONS.users));
+    let mut replay = Replay::new(300, state, action);
+    for i in 0..300 {
+        let numbers: Vec<f32> = (0..2 * state + action)
+            .map(|_| rng.random_range(-1.0..1.0))
+            .collect();
+        let (now, rest) = numbers.split_at(state);
+        let (action, next) = rest.split_at(action);
+        replay.push(Transition {
+            observation: now,
+            action,
+            user: (i % DIMENSIONS.users) as u8,
+            reward: now[0] + 2.0,
+            next_observation: next,
+            last: i % 9 == 0,
+            admissible: 0b1111,
+            next_admissible: if i % 2 == 0 { 0b0110 } else { 0b1101 },
+        });
+    }
+    (learner, replay, rng)
+}
+
+/// Sample `s` of a matrix of features by samples.
+pub(crate) fn column(matrix: &[f32], width: usize, s: usize) -> Vec<f64> {
+    matrix.chunks(width).map(|row| row[s].into()).collect()
+}
+
+/// A network's parameters in double precision.
+pub(crate) fn double(network: &Mlp) -> Vec<f64> {
+    network.parameters().iter().map(|&x| x.into()).collect()
+}
+
+/// Every set of vector instructions that this machine has, and none at all.
+pub(crate) fn every_arch() -> Vec<Arch> {
+    let mut every = vec![Arch::Scalar];
+    #[cfg(target_arch = "x86_64")]
+    {
+        every.extend(pulp::x86::V3::try_new().map(Arch::V3));
+        every.extend(pulp::x86::V4::try_new().map(Arch::V4));
+    }
+    #[cfg(target_arch = "aarch64")]
+    every.extend(pulp::aarch64::Neon::try_new().map(Arch::Neon));
+    every
+}
