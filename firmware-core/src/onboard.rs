@@ -34,7 +34,7 @@ use crate::{
         self, Arrival, Decoder, FRAME_MAX, Message, SlotCounters, VehicleStatus, status::count,
     },
     policy::Policy,
-    scalar::Scalar,
+    scalar::{Position, Scalar},
     time::{Duration, Instant},
 };
 
@@ -326,7 +326,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
         match self.stage {
             Stage::Preparing if self.autopilot.phase() == Phase::Ready => {
-                self.begin_slot(now, probe)
+                let measured = self.autopilot.position();
+                self.begin_slot(now, measured.map(|sample| sample.position), probe);
             }
             Stage::Flying => {
                 if let Some(end) = self.autopilot.leg_ended(now) {
@@ -338,19 +339,20 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// Plans the next slot and sets out.
-    fn begin_slot(&mut self, now: Instant, probe: &mut impl Probe) {
+    /// Plans the next slot from where the last one ended, and sets out. Where the vehicle is by
+    /// now does not count: eq:traj1 binds slot ends, however long the exchange between them took.
+    fn begin_slot(&mut self, now: Instant, from: Option<Position<T>>, probe: &mut impl Probe) {
         if self.controller.is_over() {
             self.stage = Stage::Landing;
             self.autopilot.land(now);
             return;
         }
-        let Some(sample) = self.autopilot.position() else {
+        let Some(position) = from else {
             self.abort(now, Fault::NoPosition);
             return;
         };
         probe.begin(Activity::Plan);
-        let plan = self.controller.plan(sample.position);
+        let plan = self.controller.plan(position);
         probe.end(Activity::Plan);
         let flown = plan.map_err(Fault::from).and_then(|plan| {
             let leg = Leg {
@@ -417,7 +419,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
                 // An answer from here on is too late, and so is the question.
                 self.arrival = None;
                 self.command_slot(arrival.plan.served_user, command);
-                self.begin_slot(now, probe);
+                self.begin_slot(now, Some(arrival.position), probe);
             }
             Err(error) => self.abort(now, error.into()),
         }

@@ -98,6 +98,8 @@ const VEHICLE: Address = Address {
     system: 1,
     component: 1,
 };
+/// What every parameter is: slow.
+const PARAMETER: f32 = 12.0;
 const STRANGER: Address = Address {
     system: 9,
     component: 1,
@@ -118,6 +120,8 @@ struct Model {
     /// What the client was last told.
     mode: Option<u32>,
     armed: bool,
+    /// What the last heartbeat that was sent said.
+    told_armed: bool,
     position: (f32, f32),
     altitude: f32,
     faulted: bool,
@@ -125,7 +129,11 @@ struct Model {
     launched: bool,
     was_in_control: bool,
     last_command: Option<MavCmd>,
-    asked_for: Option<CharArray<16>>,
+    /// The parameter that was asked for, or set, and what it then is.
+    asked_for: Option<(CharArray<16>, f32)>,
+    may_set: bool,
+    parameters_set: u32,
+    parameters_restored: u32,
     reached: Vec<Phase>,
 }
 
@@ -135,6 +143,7 @@ impl Model {
         let mut settings = Settings::new(origin, Position::new(10.0, 20.0), 100.0, 30.0);
         settings.geofence = Some(fence());
         settings.coordinates = coordinates;
+        settings.set_parameters = limited;
         if limited {
             settings.limits = Limits {
                 speed_mps: 20.0,
@@ -148,6 +157,7 @@ impl Model {
             client: Autopilot::new(settings).unwrap(),
             mode: None,
             armed: false,
+            told_armed: false,
             position: (20.0, 10.0),
             altitude: 0.0,
             faulted: false,
@@ -156,6 +166,9 @@ impl Model {
             was_in_control: false,
             last_command: None,
             asked_for: None,
+            may_set: limited,
+            parameters_set: 0,
+            parameters_restored: 0,
             reached: vec![],
         }
     }
@@ -194,7 +207,7 @@ impl Model {
     }
 
     fn tell_heartbeat(&mut self, mode: u32, armed: bool) {
-        (self.mode, self.armed) = (Some(mode), armed);
+        (self.mode, self.armed, self.told_armed) = (Some(mode), armed, armed);
         let message = self.heartbeat(mode, armed);
         self.tell(&message);
     }
@@ -274,10 +287,10 @@ impl Model {
                     _ => {}
                 }
             }
-            if let Some(param_id) = self.asked_for.take() {
+            if let Some((param_id, param_value)) = self.asked_for.take() {
                 let value = PARAM_VALUE_DATA {
                     param_id,
-                    param_value: 12.0,
+                    param_value,
                     ..PARAM_VALUE_DATA::DEFAULT
                 };
                 self.tell(&MavMessage::PARAM_VALUE(value));
@@ -444,7 +457,23 @@ impl Model {
             }
             MavMessage::PARAM_REQUEST_READ(read) => {
                 assert_eq!(phase, Phase::Checking);
-                self.asked_for = Some(read.param_id);
+                self.asked_for = Some((read.param_id, PARAMETER));
+            }
+            MavMessage::PARAM_SET(set) => {
+                assert!(self.may_set && set.param_value.is_finite(), "{set:?}");
+                if set.param_value == PARAMETER {
+                    // Put back: after the flight, and not while somebody else flies.
+                    assert!(
+                        self.client.phase().is_final() && !self.told_armed,
+                        "{set:?}"
+                    );
+                    self.parameters_restored += 1;
+                } else {
+                    assert_eq!(phase, Phase::Checking);
+                    assert!(!self.faulted && !self.released, "{set:?}");
+                    self.parameters_set += 1;
+                }
+                self.asked_for = Some((set.param_id, set.param_value));
             }
             other => panic!("the client never sends {other:?}"),
         }
@@ -488,6 +517,7 @@ fn the_laws_hold_for_any_order_of_things() {
         proptest::collection::vec(action(), 1..120),
     );
     let reached = RefCell::new(Vec::<Phase>::new());
+    let parameters = RefCell::new((0, 0));
     let outcome = runner.run(&history, |(firmware, global, limited, begun, actions)| {
         let coordinates = if global {
             Coordinates::Global
@@ -499,12 +529,17 @@ fn the_laws_hold_for_any_order_of_things() {
         for action in &actions {
             model.act(action);
         }
+        parameters.borrow_mut().0 += model.parameters_set;
+        parameters.borrow_mut().1 += model.parameters_restored;
         model.reached.dedup();
         reached.borrow_mut().extend(model.reached);
         Ok(())
     });
     outcome.unwrap();
     // The histories are of use only if they get somewhere.
+    let (set, restored) = *parameters.borrow();
+    println!("parameters: {set} times set, {restored} times put back");
+    assert!(set > 1_000 && restored > 300);
     for phase in [
         Phase::Standby,
         Phase::TakingControl,

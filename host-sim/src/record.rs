@@ -89,6 +89,8 @@ pub struct SlotRecord {
     pub sensor_power_mean_w: f64,
     /// `R_n`, bit/s/Hz.
     pub rate: f64,
+    /// What the same user would have got with the vehicle at the waypoint, bit/s/Hz.
+    pub planned_rate: f64,
     /// `MSE_n`, analytic, at the true channels.
     pub mse: f64,
     /// What holds the rate back.
@@ -202,6 +204,9 @@ pub struct Summary {
     pub planned_vs_flown_m: f64,
     /// Median of that distance, metres.
     pub planned_vs_flown_median_m: f64,
+    /// Sum of the rates that the waypoints would have given, less `sum_rate`, bit/s/Hz: what it
+    /// cost to fly beside them. Below zero where that happened to help.
+    pub planned_vs_flown_rate: f64,
     /// How long `allocate` took, microseconds.
     pub allocate_us: Timing,
     /// How long `plan` took, microseconds.
@@ -260,6 +265,11 @@ impl FlightRecord {
             arrived: self.slots.len() == mission.slots() as usize && mission.has_arrived(&last),
             planned_vs_flown_m: deviations.iter().copied().fold(0.0, f64::max),
             planned_vs_flown_median_m: median(deviations),
+            planned_vs_flown_rate: self
+                .slots
+                .iter()
+                .map(|slot| slot.planned_rate - slot.rate)
+                .sum(),
             allocate_us: timing(self.slots.iter().map(|slot| slot.allocate_us)),
             plan_us: timing(self.slots.iter().map(|slot| slot.plan_us)),
             link: self.link,

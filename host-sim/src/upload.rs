@@ -12,6 +12,7 @@ use firmware_core::autopilot::mission::{
 use firmware_core::time::Duration;
 use thiserror::Error;
 
+use crate::flight::{CONNECT_PATIENCE, FlightError};
 use crate::link::Session;
 
 /// What is handed over.
@@ -36,8 +37,13 @@ pub enum FailedUpload {
     #[error("link: {0}")]
     Link(#[from] io::Error),
     /// No autopilot was heard.
-    #[error("no autopilot answers")]
-    NobodyThere,
+    #[error("{}", nobody_there(*.waited_s, *.refused))]
+    NobodyThere {
+        /// For how long, seconds of its time.
+        waited_s: f64,
+        /// Frames that came and were refused for their signature.
+        refused: u32,
+    },
     /// The autopilot is there, but not ready to start a mission.
     #[error("the autopilot is not ready: {0}")]
     NotReady(String),
@@ -52,6 +58,10 @@ pub enum FailedUpload {
         /// What the autopilot has now.
         left: Left,
     },
+}
+
+fn nobody_there(waited_s: f64, refused: u32) -> String {
+    FlightError::NobodyThere { waited_s, refused }.to_string()
 }
 
 fn what_is_left(left: Left) -> &'static str {
@@ -80,10 +90,15 @@ impl Upload<'_> {
         };
         while !ready(client) {
             session.turn(client, |_, _, _| {})?;
-            if session.now() - begin > self.patience || stop.load(Ordering::Relaxed) {
+            let waited = session.now() - begin;
+            let deaf = client.vehicle().is_none() && waited >= CONNECT_PATIENCE;
+            if deaf || waited >= self.patience || stop.load(Ordering::Relaxed) {
                 let obstacle = client.obstacle().map(|obstacle| obstacle.to_string());
                 return Err(match (client.vehicle(), obstacle) {
-                    (None, _) => FailedUpload::NobodyThere,
+                    (None, _) => FailedUpload::NobodyThere {
+                        waited_s: waited.as_secs_f64(),
+                        refused: session.refused(),
+                    },
                     (_, Some(words)) => FailedUpload::NotReady(words),
                     (_, None) => FailedUpload::NotReady("its checks did not end".into()),
                 });
@@ -91,7 +106,7 @@ impl Upload<'_> {
         }
         let settings = *client.settings();
         let Some((to, firmware)) = client.vehicle() else {
-            return Err(FailedUpload::NobodyThere);
+            return Err(FailedUpload::NotReady("it is gone".into()));
         };
         let plan = MissionPlan {
             firmware,

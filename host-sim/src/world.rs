@@ -11,6 +11,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 use firmware_core::{
     Position, SENSORS_MAX, USERS_MAX, aircomp,
     controller::{ChannelState, SlotCommand},
+    inner::{Method, SlotLimits, Workspace},
 };
 use nalgebra::Complex;
 use rand::{RngExt, SeedableRng};
@@ -92,6 +93,25 @@ impl World {
             mse: slot.mse(command.normalizing_factor),
             signals: self.receive(&slot, command),
         }
+    }
+
+    /// The rate of a slot in which `user`, if anybody, is served with the vehicle over `vehicle`, as `method`
+    /// allocates it, bit/s/Hz.
+    pub fn rate_at(
+        &self,
+        method: &Method<f64>,
+        slot: u32,
+        user: Option<usize>,
+        vehicle: &Position<f64>,
+    ) -> f64 {
+        let state = self.channel_state(slot, vehicle);
+        let mut workspace = Workspace::<f64, SENSORS_MAX>::default();
+        let limits = SlotLimits::of_mission(&self.scenario.mission);
+        let field = workspace.sensors(&limits, &state.sensor_gains);
+        let solution =
+            field.and_then(|field| method.solve(&field, user.map(|user| state.user_gains[user])));
+        // Gains of the channel model make a slot problem.
+        solution.map_or(0.0, |solution| solution.rate)
     }
 
     fn receive(&self, slot: &aircomp::Slot<'_, f64>, command: &HostSlotCommand) -> SignalRecord {

@@ -80,12 +80,12 @@ fn clipping_parameters_are_said_and_obeyed() {
     for (profile, name, speed) in [
         (
             Profile::ArduCopter,
-            "WPNAV_SPEED is 1000: it clips speed; set it to 3000",
+            "WPNAV_SPEED is 1000: it clips speed; set it to 3500",
             9.5,
         ),
         (
             Profile::Px4,
-            "MPC_XY_CRUISE is 5: it clips speed; set it to 30",
+            "MPC_XY_CRUISE is 5: it clips speed; set it to 35",
             4.75,
         ),
     ] {

@@ -164,6 +164,40 @@ fn the_pilot_takes_over_while_landing() {
     assert!(flight.vehicle.altitude_m() > 10.0);
 }
 
+/// Motors that stop in the air: whatever did that has control. Nothing is sent, and nobody arms.
+#[test]
+fn disarmed_in_flight_lets_go() {
+    let mut flight = hovering();
+    fly_on(&mut flight, 2);
+    flight.vehicle.faults.disarmed = true;
+    let stopped = flight.now;
+    flight.run_until_phase(Phase::Released, Duration::from_secs(2));
+    assert_eq!(flight.client.fault(), Some(Cause::Disarmed));
+    let said = "FAILSAFE disarmed in flight: release control";
+    assert!(flight.log.iter().any(|line| line.ends_with(said)));
+    let released = flight.now;
+    assert!(released - stopped <= Duration::from_millis(210));
+    flight.vehicle.faults.disarmed = false;
+    flight.client.launch(flight.now);
+    flight.run_for(Duration::from_secs(10));
+    assert!(acts(&flight, released).is_empty());
+}
+
+/// A command that the flight needs, refused for good in the air: here the landing itself. Then
+/// nothing is left to send but silence, so that the autopilot's own failsafe acts.
+#[test]
+fn a_landing_that_is_never_answered_falls_silent() {
+    let mut flight = hovering();
+    fly_on(&mut flight, 1);
+    flight.swallowed = |m| is_command(m, MavCmd::MAV_CMD_NAV_LAND);
+    flight.client.land(flight.now);
+    flight.run_until_phase(Phase::Failed, Duration::from_secs(30));
+    assert_eq!(flight.client.fault(), Some(Cause::CommandFailed));
+    let failed = flight.now;
+    flight.run_for(Duration::from_secs(10));
+    assert!(flight.sent.iter().all(|(at, _)| *at <= failed));
+}
+
 #[test]
 fn battery_low_lands() {
     let mut flight = hovering();
@@ -233,6 +267,33 @@ fn stop_lands_from_flight_and_stops_motors_on_the_ground() {
         flight.run_for(Duration::from_secs(3));
         assert!(!flight.vehicle.armed(), "{phase:?}: {:#?}", flight.log);
         assert_eq!(flight.vehicle.altitude_m(), 0.0, "{phase:?}");
+    }
+}
+
+/// Ctrl-C while the vehicle leaves the ground: whichever of the two is faster, it ends on the
+/// ground with motors off.
+#[test]
+fn stop_during_take_off_never_leaves_the_vehicle_in_the_air() {
+    for profile in Profile::ALL {
+        for tenths in 0..40 {
+            let (settings, mut vehicle) = (flight::settings(profile), flight::vehicle(profile));
+            vehicle.ready_after = Duration::from_secs(1);
+            let mut flight = Flight::new(settings, vehicle);
+            flight.client.launch(flight.now);
+            flight.run_until_phase(Phase::TakingOff, Duration::from_secs(60));
+            flight.run_for(Duration::from_millis(100) * tenths);
+            flight.client.stop(flight.now);
+            flight.run_until(Duration::from_secs(90), |f| f.client.phase().is_final());
+            let context = || format!("{profile}, {tenths}: {:#?}", flight.log);
+            assert_eq!(
+                flight.client.fault(),
+                Some(Cause::StopAsked),
+                "{}",
+                context()
+            );
+            assert!(!flight.vehicle.armed(), "{}", context());
+            assert_eq!(flight.vehicle.altitude_m(), 0.0, "{}", context());
+        }
     }
 }
 

@@ -3,11 +3,22 @@
 use firmware_core::policy::StraightLine;
 use host_sim::{
     allocation::Allocation,
-    flight::{FlightSettings, Pace, Peer, fly, vehicle_settings},
-    record::FlightRecord,
+    flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
+    record::{FlightEvent, FlightRecord},
     scenario::Scenario,
     vehicle::{Profile, Vehicle},
 };
+
+fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
+    FlightSettings {
+        policy: "straight-line".into(),
+        inner,
+        profile,
+        pace: Pace::Max,
+        seed: 1,
+        symbols_per_slot: 400,
+    }
+}
 
 fn flown(profile: Profile) -> FlightRecord {
     flown_with(profile, Allocation::Exact)
@@ -15,17 +26,9 @@ fn flown(profile: Profile) -> FlightRecord {
 
 fn flown_with(profile: Profile, inner: Allocation) -> FlightRecord {
     let scenario = Scenario::shipped("separated").unwrap();
-    let settings = FlightSettings {
-        policy: "straight-line".into(),
-        inner,
-        profile,
-        pace: Pace::Max,
-        seed: 1,
-        symbols_per_slot: 400,
-    };
     let policy = StraightLine::new(&scenario.mission);
     let peer = Peer::built_in(Vehicle::new(vehicle_settings(&scenario, profile)));
-    fly(&scenario, policy, &settings, peer, &mut ()).unwrap_or_else(|failed| {
+    fly(&scenario, policy, &settings(profile, inner), peer, &mut ()).unwrap_or_else(|failed| {
         let record = failed.record.unwrap();
         panic!("{} {:#?}", failed.error, record.events)
     })
@@ -72,4 +75,95 @@ fn every_allocation_flies_and_none_beats_the_exact_one() {
             assert!(slot.feasible || slot.rate == 0.0, "{name}: {slot:?}");
         }
     }
+}
+
+fn texts(record: &FlightRecord, part: &str) -> Vec<String> {
+    let texts = record.events.iter().map(|event| event.text.clone());
+    texts.filter(|text| text.contains(part)).collect()
+}
+
+fn fly_with_parameters_set(
+    profile: Profile,
+    observer: &mut impl Observer,
+) -> Result<FlightRecord, FailedFlight> {
+    let scenario = Scenario::shipped("separated").unwrap();
+    let policy = StraightLine::new(&scenario.mission);
+    let vehicle = Vehicle::new(vehicle_settings(&scenario, profile));
+    let peer = Peer::built_in(vehicle).with_parameters_set();
+    fly(
+        &scenario,
+        policy,
+        &settings(profile, Allocation::Exact),
+        peer,
+        observer,
+    )
+}
+
+/// With parameters that clip set for the flight, the vehicles that behave like autopilots fly the
+/// mission at its pace, within 2 % of the ideal rate, and are left as they were.
+#[test]
+fn parameters_are_set_for_the_flight_and_put_back() {
+    let ideal = flown(Profile::Ideal).summary().sum_rate;
+    for (profile, set) in [(Profile::ArduCopter, 3), (Profile::Px4, 3)] {
+        let record = fly_with_parameters_set(profile, &mut ()).unwrap();
+        let summary = record.summary();
+        assert!(summary.arrived && summary.fair, "{summary:#?}");
+        assert_eq!(summary.constraint_violations + summary.mse_violations, 0);
+        assert!(summary.planned_vs_flown_median_m < 3.0, "{summary:#?}");
+        assert!(summary.sum_rate > 0.98 * ideal, "{summary:#?}");
+        // What flying beside the waypoints cost is little, and is said.
+        assert!(
+            summary.planned_vs_flown_rate.abs() < 0.02 * ideal,
+            "{summary:#?}"
+        );
+        assert_ne!(summary.planned_vs_flown_rate, 0.0);
+        let (changed, restored) = (
+            texts(&record, " set from "),
+            texts(&record, " put back to "),
+        );
+        assert_eq!(
+            (changed.len(), restored.len()),
+            (set, set),
+            "{changed:?} {restored:?}"
+        );
+        for words in changed {
+            let mut words = words.split(' ');
+            let (name, from) = (words.next().unwrap(), words.nth(2).unwrap());
+            let again = format!("{name} put back to {from}");
+            assert!(restored.contains(&again), "{again}: {restored:?}");
+        }
+    }
+}
+
+/// Ctrl-C at any moment: landed, and the parameters are as they were.
+#[test]
+fn parameters_are_put_back_after_ctrl_c() {
+    /// Stops when so many events have come.
+    struct StopsAfter(usize);
+    impl Observer for StopsAfter {
+        fn event(&mut self, _: &FlightEvent) {
+            self.0 = self.0.saturating_sub(1);
+        }
+        fn wants_stop(&self) -> bool {
+            self.0 == 0
+        }
+    }
+    let (mut changed, mut flown) = (0, 0);
+    for events in 1..=18 {
+        let failed = fly_with_parameters_set(Profile::ArduCopter, &mut StopsAfter(events));
+        let record = failed.err().and_then(|failed| failed.record);
+        let record = record.expect("it was stopped");
+        let restored = texts(&record, " put back to ").len();
+        // A value that was being set when ctrl-C came is put back, too.
+        let set = texts(&record, " set from ").len();
+        assert!(
+            restored == set || restored == set + 1,
+            "{:#?}",
+            record.events
+        );
+        assert!(texts(&record, "NOT put back").is_empty());
+        changed += set;
+        flown += texts(&record, "taking off").len();
+    }
+    assert!(changed > 30 && flown >= 3, "{changed} {flown}");
 }

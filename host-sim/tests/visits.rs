@@ -16,7 +16,7 @@ use flight::zigzag;
 use host_sim::doctor::{Diagnosis, examine};
 use host_sim::link::{LinkAddress, Port, Session, tlog};
 use host_sim::upload::{FailedUpload, Upload};
-use host_sim::vehicle::{Profile, VehicleSettings, serve};
+use host_sim::vehicle::{Profile, Vehicle, VehicleSettings, serve};
 
 const SPEED: f64 = 20.0;
 
@@ -37,7 +37,14 @@ impl Process {
         let listen: LinkAddress = format!("udpin:127.0.0.1:{port}").parse().unwrap();
         let thread = std::thread::spawn({
             let stop = Arc::clone(&stop);
-            move || serve(&listen, settings, SPEED, &stop)
+            move || {
+                serve(
+                    listen.open()?.as_mut(),
+                    Vehicle::new(settings),
+                    SPEED,
+                    &stop,
+                )
+            }
         });
         Self {
             port,
@@ -69,7 +76,14 @@ impl Drop for Process {
 fn diagnose(process: &Process, profile: Profile, key: Option<u8>, seconds: u64) -> Diagnosis {
     let (mut session, mut client) = process.visit(profile, key);
     let patience = Duration::from_secs(seconds);
-    examine(&mut session, &mut client, patience, &AtomicBool::new(false)).unwrap()
+    examine(
+        &mut session,
+        &mut client,
+        patience,
+        &AtomicBool::new(false),
+        |_| {},
+    )
+    .unwrap()
 }
 
 #[test]
@@ -83,7 +97,7 @@ fn the_doctor_says_what_stops_and_what_slows_a_mission() {
     let text = later.to_string();
     assert!(later.is_ready(), "{text}");
     assert!(text.contains("connected: ArduCopter, system 1"), "{text}");
-    let slows = "slows a mission: WPNAV_SPEED is 1000: it clips speed; set it to 3000";
+    let slows = "slows a mission: WPNAV_SPEED is 1000: it clips speed; set it to 3500";
     assert!(text.contains(slows), "{text}");
     assert!(text.contains("to know: FS_GCS_ENABLE is 0"), "{text}");
     assert!(text.ends_with("a mission would fly"), "{text}");
@@ -95,7 +109,14 @@ fn the_doctor_hears_nobody() {
     let (mut session, mut client) = process.visit(Profile::Ideal, None);
     drop(process);
     let patience = Duration::from_secs(3);
-    let diagnosis = examine(&mut session, &mut client, patience, &AtomicBool::new(false)).unwrap();
+    let diagnosis = examine(
+        &mut session,
+        &mut client,
+        patience,
+        &AtomicBool::new(false),
+        |_| {},
+    )
+    .unwrap();
     assert!(diagnosis.to_string().starts_with("nobody answers"));
     assert!(!diagnosis.is_ready());
 }
@@ -153,7 +174,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         assert!(
             matches!(
                 failed,
-                FailedUpload::NotReady(_) | FailedUpload::NobodyThere
+                FailedUpload::NotReady(_) | FailedUpload::NobodyThere { .. }
             ),
             "{failed}"
         );

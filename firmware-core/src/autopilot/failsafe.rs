@@ -118,7 +118,7 @@ pub static TABLE: [Row; 13] = [
     },
     Row {
         cause: Cause::GroundSilent,
-        detected: "no frame on the ground link for `ground` (off unless set)",
+        detected: "no frame on the ground link for `ground` during the legs (off unless set; `host-sim run`: ten slots, 10 s at least)",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
@@ -205,7 +205,7 @@ pub struct Watch<T> {
     pub battery: Duration,
     /// How far outside the geofence counts, m.
     pub fence_margin_m: T,
-    /// Without the ground; `None` if nobody listens for it.
+    /// Without the ground, from the first leg on; `None` if nobody listens for it.
     pub ground: Option<Duration>,
     /// Without a new leg.
     pub overrun: Duration,

@@ -142,15 +142,23 @@ impl<T: Scalar> Autopilot<T> {
         let Some((_, firmware)) = self.vehicle else {
             return;
         };
-        // Without limits of its own the mission is content with half a g.
-        let acceleration = self.settings.limits.acceleration_mps2.to_f64().min(5.0);
-        let needs = Needs {
-            speed_mps: self.settings.transit_speed_mps.to_f64() as f32,
-            acceleration_mps2: acceleration as f32,
+        let found = if self.phase.is_final() {
+            self.reader.take_restored(firmware, value)
+        } else {
+            let needs = self.needs();
+            let may_set = self.settings.set_parameters;
+            self.reader
+                .take(firmware, value, &needs, &mut self.limits, may_set)
         };
-        let found = self.reader.take(firmware, value, &needs, &mut self.limits);
         if let Some(finding) = found {
             self.events.push(Event::Finding(finding));
+        }
+    }
+
+    /// What the mission asks of the vehicle's parameters.
+    pub(super) fn needs(&self) -> Needs {
+        Needs {
+            speed_mps: self.settings.transit_speed_mps.to_f64() as f32,
         }
     }
 

@@ -49,7 +49,7 @@ use core::fmt;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-pub use checks::Finding;
+pub use checks::{Advice, Finding, advice};
 pub use command::{Outcome, Patience, Request};
 pub use event::Event;
 pub use settings::{Coordinates, Geofence, Settings, SettingsError};
@@ -395,6 +395,8 @@ impl<T: Scalar> Autopilot<T> {
             .guide
             .fly_leg(now, leg.end, leg.waypoint, measured, tolerance);
         stream.due = now;
+        // The ground has something to say from the first leg on.
+        self.ground_heard.get_or_insert(now);
         self.leg = Some(ActiveLeg {
             waypoint: leg.waypoint,
             end: leg.end,
@@ -427,6 +429,22 @@ impl<T: Scalar> Autopilot<T> {
     /// nothing if the flight has not begun or somebody else flies.
     pub fn stop(&mut self, now: Instant) {
         self.fail(now, Cause::StopAsked);
+    }
+
+    /// Whether parameters that were set for the flight are as they were, or there were none. In a
+    /// final phase with motors off they are put back; keep polling until this is true.
+    pub fn is_restored(&self) -> bool {
+        self.reader.is_restored()
+    }
+
+    /// Gives up putting parameters back: an event for each says what it was.
+    pub fn abandon_parameters(&mut self) {
+        let Some((_, firmware)) = self.vehicle else {
+            return;
+        };
+        while let Some(finding) = self.reader.give_up(firmware) {
+            self.events.push(Event::Finding(finding));
+        }
     }
 
     /// The ground was heard (see [`failsafe::Watch::ground`]).

@@ -141,7 +141,18 @@ impl<T: Scalar> Autopilot<T> {
                 }
             }
             Phase::Disarming => {
-                if self.telemetry.armed || self.asked.is_none() {
+                if self.telemetry.armed && self.is_airborne() {
+                    // The take-off that we broke off had begun: motors cannot stop up there.
+                    match self.telemetry.mode {
+                        Some(mode) if self.holds != Some(mode) => {
+                            self.fail(now, Cause::ControlTaken(mode));
+                        }
+                        _ => {
+                            self.flown = true;
+                            self.start_landing(now, Request::Land);
+                        }
+                    }
+                } else if self.telemetry.armed || self.asked.is_none() {
                     self.ask(now, Request::Disarm);
                 } else if self.pending.is_none() {
                     let broken_off = self.fault.is_some() && !self.flown;
@@ -374,9 +385,11 @@ impl<T: Scalar> Autopilot<T> {
                     !fence.contains(&sample.position, -watch.fence_margin_m)
                         || sample.altitude_m > fence.ceiling_m + watch.fence_margin_m
                 });
+        let in_mission = matches!(self.phase, Phase::Leg | Phase::LegEnded);
         let ground = watch
             .ground
-            .is_some_and(|limit| now - self.ground_heard.unwrap_or(self.phase_since) > limit);
+            .zip(self.ground_heard)
+            .is_some_and(|(limit, heard)| in_mission && now - heard > limit);
         let battery = telemetry
             .battery_low_since
             .is_some_and(|since| now - since > watch.battery);
@@ -430,6 +443,17 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
+    /// The vehicle has left the ground: it says so, or its height does.
+    fn is_airborne(&self) -> bool {
+        match self.telemetry.on_ground {
+            Some(on_ground) => !on_ground,
+            None => self
+                .telemetry
+                .sample
+                .is_some_and(|sample| sample.altitude_m.to_f64() > AIRBORNE_M),
+        }
+    }
+
     fn start_landing(&mut self, now: Instant, by: Request) {
         if let Some(stream) = &mut self.stream {
             stream.guide.stop(now);
@@ -474,14 +498,17 @@ impl<T: Scalar> Autopilot<T> {
         else {
             return;
         };
-        if self.phase != Phase::Leg || !leg.final_sent {
+        if self.phase != Phase::Leg {
             return;
         }
         let after = if firmware.confirms_setpoints() {
             // Not before the echo; the autopilot's clock may wrap.
-            leg.confirmed
-                .is_some_and(|echo| sample.boot_ms.wrapping_sub(echo) < u32::MAX / 2)
+            leg.final_sent
+                && leg
+                    .confirmed
+                    .is_some_and(|echo| sample.boot_ms.wrapping_sub(echo) < u32::MAX / 2)
         } else {
+            // A sample of the slot's end counts even if we come too late with its setpoint.
             sample.taken >= leg.end
         };
         if after {

@@ -89,6 +89,9 @@ pub struct Settings<T: Scalar> {
     pub sample_patience: Duration,
     /// Answers to commands.
     pub patience: Patience,
+    /// Set parameters that clip the mission, and put them back after it. Off by default: what
+    /// clips is said and obeyed.
+    pub set_parameters: bool,
     /// What is watched in flight, and how long each thing may last.
     pub watch: Watch<T>,
 }
@@ -154,6 +157,7 @@ impl<T: Scalar> Settings<T> {
             lag_tolerance_m: T::of(2.0),
             sample_patience: Duration::from_millis(250),
             patience: Patience::default(),
+            set_parameters: false,
             watch: Watch::default(),
         }
     }

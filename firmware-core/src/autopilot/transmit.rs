@@ -24,8 +24,11 @@ impl<T: Scalar> Autopilot<T> {
     /// the latest at [`Autopilot::poll_at`].
     pub fn poll(&mut self, now: Instant) -> Option<MavMessage> {
         self.advance(now);
-        if self.silent || self.phase == Phase::Failed {
+        if self.silent {
             return None;
+        }
+        if self.phase == Phase::Failed {
+            return self.restoration(now);
         }
         // The setpoint of a slot's end comes first: its time is what a slot is measured by.
         if let Some(setpoint) = self.setpoint(now) {
@@ -35,7 +38,9 @@ impl<T: Scalar> Autopilot<T> {
             self.heartbeat_due = now + HEARTBEAT_INTERVAL;
             return Some(self.heartbeat());
         }
-        self.command(now).or_else(|| self.parameter_request(now))
+        self.command(now)
+            .or_else(|| self.parameter_request(now))
+            .or_else(|| self.restoration(now))
     }
 
     /// When [`Autopilot::poll`] next has something to do, if nothing is received before.
@@ -94,16 +99,28 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Parameters are read while nothing else is asked for.
+    /// Parameters are read, and set, while nothing else is asked for.
     fn parameter_request(&mut self, now: Instant) -> Option<MavMessage> {
-        let (address, firmware) = self.vehicle?;
+        let vehicle = self.vehicle?;
         if self.phase != Phase::Checking || self.pending.is_some() {
             return None;
         }
-        let Self { reader, events, .. } = self;
+        let needs = self.needs();
+        let events = &mut self.events;
         let report = |finding| events.push(Event::Finding(finding));
-        let request = reader.request(now, firmware, address, report);
-        request.map(MavMessage::PARAM_REQUEST_READ)
+        self.reader
+            .request(now, vehicle, &needs, &mut self.limits, report)
+    }
+
+    /// After the flight, with motors off, parameters become what they were.
+    fn restoration(&mut self, now: Instant) -> Option<MavMessage> {
+        let vehicle = self.vehicle?;
+        if !self.phase.is_final() || self.telemetry.armed || self.reader.is_restored() {
+            return None;
+        }
+        let events = &mut self.events;
+        let report = |finding| events.push(Event::Finding(finding));
+        self.reader.restore(now, vehicle, report)
     }
 
     /// The setpoint that is due, if one is and we may send it.

@@ -4,11 +4,16 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
-use firmware_core::autopilot::Autopilot;
+use firmware_core::autopilot::{Autopilot, Event};
 use firmware_core::time::Duration;
 use host_sim::{
-    doctor, flight, interrupt,
-    link::{LinkAddress, Port, Session, key},
+    doctor, flight,
+    flight::FlightError,
+    interrupt,
+    link::{
+        Link, LinkAddress, Port, Session, key,
+        lossy::{Impaired, Impairment},
+    },
     vehicle::Profile,
 };
 
@@ -33,6 +38,9 @@ pub(crate) struct AutopilotArguments {
     /// Sign what is sent and take only what is signed, with the key in this file
     #[arg(long, value_name = "FILE")]
     signing_key: Option<PathBuf>,
+    /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
+    #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
+    impair: Option<Impairment>,
     /// How long to wait for it to be ready, seconds of its time
     #[arg(long, default_value_t = 60, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
     patience: u64,
@@ -56,13 +64,32 @@ impl AutopilotArguments {
         scenario: &host_sim::scenario::Scenario,
     ) -> Result<(Session, Autopilot<f64>), Failure> {
         let settings = flight::autopilot_settings(scenario, self.profile);
-        let failed = |error| Failure::failed(format!("--link {}: {error}", self.link));
-        let mut port = Port::new(self.link.open().map_err(failed)?, settings.own);
-        if let Some(file) = &self.signing_key {
-            port.sign_with(key::read(file).map_err(Failure::bad_input)?, 1);
-        }
         let client = Autopilot::new(settings).map_err(Failure::bad_input)?;
+        let key = self.signing_key.as_deref().map(key::read).transpose();
+        let key = key.map_err(Failure::bad_input)?;
+        let failed = |error| Failure::failed(format!("--link {}: {error}", self.link));
+        let mut port = Port::new(
+            impaired(self.link.open().map_err(failed)?, self.impair.as_ref()),
+            settings.own,
+        );
+        if let Some(key) = key {
+            port.sign_with(key, 1);
+        }
+        let patience = self.patience().min(flight::CONNECT_PATIENCE);
+        eprintln!(
+            "waiting for an autopilot at {}, {} s at most",
+            self.link,
+            patience.as_secs_f64()
+        );
         Ok((Session::new(port, self.speed), client))
+    }
+}
+
+/// The link as it is, or made a bad one.
+pub(super) fn impaired(link: Box<dyn Link>, impairment: Option<&Impairment>) -> Box<dyn Link> {
+    match impairment {
+        Some(impairment) => Box::new(Impaired::new(link, impairment)),
+        None => link,
     }
 }
 
@@ -70,8 +97,20 @@ impl AutopilotArguments {
 pub(crate) fn execute(arguments: &AutopilotArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.scenario)?;
     let (mut session, mut client) = arguments.connect(&scenario)?;
-    let stop = interrupt::flag();
-    let diagnosis = doctor::examine(&mut session, &mut client, arguments.patience(), &stop)?;
+    let begun = session.now();
+    let say = |event: &Event| {
+        if matches!(event, Event::Connected { .. } | Event::Waiting(_)) {
+            eprintln!("{event}");
+        }
+    };
+    let patience = arguments.patience();
+    let diagnosis = doctor::examine(&mut session, &mut client, patience, &interrupt::flag(), say)?;
+    if diagnosis.vehicle.is_none() {
+        return Err(Failure::failed(FlightError::NobodyThere {
+            waited_s: (session.now() - begun).as_secs_f64(),
+            refused: session.refused(),
+        }));
+    }
     println!("{diagnosis}");
     if diagnosis.is_ready() {
         Ok(())

@@ -8,9 +8,15 @@ pub(crate) mod solve;
 pub(crate) mod upload;
 pub(crate) mod vehicle;
 
-use std::{fmt::Display, io, path::Path, process::ExitCode};
+use std::{
+    fmt::Display,
+    io::{self, IsTerminal},
+    path::Path,
+    process::ExitCode,
+};
 
 use host_sim::scenario::Scenario;
+use indicatif::ProgressDrawTarget;
 
 /// Why a command did not succeed.
 #[derive(Debug)]
@@ -52,6 +58,15 @@ impl From<io::Error> for Failure {
             return Self::NobodyReads;
         }
         Self::failed(error)
+    }
+}
+
+/// Where progress is drawn: standard error if somebody sees it there.
+pub(crate) fn terminal() -> ProgressDrawTarget {
+    if io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
     }
 }
 

@@ -1,7 +1,7 @@
 //! `host-sim run`: flies one mission and writes what came of it.
 
 use std::{
-    io::{IsTerminal, Write},
+    io::Write,
     path::PathBuf,
     str::FromStr,
     sync::{
@@ -15,7 +15,7 @@ use host_sim::{
     allocation::Allocation,
     flight::{self, FlightSettings, Observer, Pace, Peer},
     interrupt,
-    link::LinkAddress,
+    link::{LinkAddress, key, lossy::Impairment},
     policy::{HostPolicy, PolicyChoice},
     record::{FlightEvent, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
@@ -23,9 +23,9 @@ use host_sim::{
     vehicle::{Profile, Vehicle},
     world::SYMBOLS_PER_SLOT,
 };
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle};
 
-use super::Failure;
+use super::{Failure, terminal};
 
 /// How to fly.
 #[derive(Debug, Args)]
@@ -48,6 +48,21 @@ pub(crate) struct RunArguments {
     /// serial:DEVICE:BAUD
     #[arg(long, default_value = "builtin")]
     link: LinkAddress,
+    /// A ground station beside, as often as needed: hears all that passes between the client and
+    /// the vehicle; what it sends goes to the vehicle
+    #[arg(long, value_name = "LINK")]
+    also: Vec<LinkAddress>,
+    /// Sign what is sent and take only what is signed, with the key in this file (64 hexadecimal
+    /// digits or 32 bytes, mode 600)
+    #[arg(long, value_name = "FILE")]
+    signing_key: Option<PathBuf>,
+    /// Set the autopilot's parameters that clip the mission's speed (host-sim doctor names them),
+    /// and put them back at the end, however it ends
+    #[arg(long)]
+    set_params: bool,
+    /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
+    #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
+    impair: Option<Impairment>,
     /// How fast time passes: so many seconds of flight a second, or max
     #[arg(long, default_value = "max", value_parser = parse_pace, value_name = "X|max")]
     speed: Pace,
@@ -114,17 +129,37 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
 
 /// The vehicle: built in, or at the other end of `--link`.
 fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failure> {
-    if arguments.link == LinkAddress::Builtin {
-        let vehicle = flight::vehicle_settings(scenario, arguments.profile);
-        return Ok(Peer::built_in(Vehicle::new(vehicle)));
+    let key = arguments.signing_key.as_deref().map(key::read).transpose();
+    let key = key.map_err(Failure::bad_input)?;
+    let open = |option: &str, address: &LinkAddress| {
+        let failed = |error| Failure::failed(format!("{option} {address}: {error}"));
+        address.open().map_err(failed)
+    };
+    let mut peer = if arguments.link == LinkAddress::Builtin {
+        let mut vehicle = flight::vehicle_settings(scenario, arguments.profile);
+        vehicle.signing = key.clone().map(|key| (key, 0));
+        Peer::built_in(Vehicle::new(vehicle))
+    } else {
+        eprintln!(
+            "waiting for an autopilot at {}, {} s at most",
+            arguments.link,
+            flight::CONNECT_PATIENCE.as_secs_f64()
+        );
+        Peer::elsewhere(open("--link", &arguments.link)?)
+    };
+    for address in &arguments.also {
+        peer = peer.beside(open("--also", address)?);
     }
-    match arguments.link.open() {
-        Ok(link) => Ok(Peer::elsewhere(link)),
-        Err(error) => Err(Failure::failed(format!(
-            "--link {}: {error}",
-            arguments.link
-        ))),
+    if let Some(key) = key {
+        peer = peer.signed_with(key);
     }
+    if let Some(impairment) = &arguments.impair {
+        peer = peer.impaired(impairment);
+    }
+    if arguments.set_params {
+        peer = peer.with_parameters_set();
+    }
+    Ok(peer)
 }
 
 /// Writes the files and prints the summary.
@@ -155,7 +190,8 @@ fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failu
     }
     Err(Failure::failed(format!(
         "flown to the end, but {}: {:.1} m from the destination, {} constraints broken; a vehicle \
-         that is slower than the mission asks cannot do better (docs/sitl.md, host-sim doctor)",
+         that is slower than the mission asks cannot do better: host-sim doctor names the \
+         parameters, --set-params sets them for the flight",
         if summary.arrived {
             "not as asked"
         } else {
@@ -175,13 +211,8 @@ struct Show {
 
 impl Show {
     fn new(scenario: &Scenario) -> Result<Self, Failure> {
-        let target = if std::io::stderr().is_terminal() {
-            ProgressDrawTarget::stderr()
-        } else {
-            ProgressDrawTarget::hidden()
-        };
         let slots = u64::from(scenario.mission.slots());
-        let bar = ProgressBar::with_draw_target(Some(slots), target).with_style(
+        let bar = ProgressBar::with_draw_target(Some(slots), terminal()).with_style(
             ProgressStyle::with_template("slot {pos}/{len} {wide_bar} {msg} {elapsed}")
                 .map_err(Failure::failed)?,
         );
@@ -209,6 +240,10 @@ impl Observer for Show {
         if self.bar.position() == 0 {
             self.bar.set_message(event.text.clone());
         }
+    }
+
+    fn duty(&mut self, words: &str) {
+        self.bar.suspend(|| eprintln!("warning: {words}"));
     }
 
     fn wants_stop(&self) -> bool {

@@ -1,7 +1,5 @@
 //! `host-sim upload`: plans the whole mission and hands it to an autopilot.
 
-use std::io::Write;
-
 use clap::{Args, ValueEnum};
 use firmware_core::autopilot::mission::Ending;
 use host_sim::{
@@ -12,9 +10,10 @@ use host_sim::{
     upload::Upload,
     vehicle::{Profile, Vehicle},
 };
+use indicatif::{ProgressBar, ProgressStyle};
 
 use super::doctor::AutopilotArguments;
-use super::{Failure, load_scenario};
+use super::{Failure, load_scenario, terminal};
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum EndingChoice {
@@ -43,7 +42,6 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.autopilot.scenario)?;
     let (policy, policy_name) =
         HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
-    let (mut session, mut client) = arguments.autopilot.connect(&scenario)?;
     let settings = FlightSettings {
         policy: policy_name,
         inner: Allocation::Exact,
@@ -65,6 +63,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let mut waypoints: Vec<_> = record.slots.iter().map(|slot| slot.planned).collect();
     // One more slot away at most; the paper counts that as arrived.
     waypoints.push(mission.destination);
+    let (mut session, mut client) = arguments.autopilot.connect(&scenario)?;
     let upload = Upload {
         waypoints: &waypoints,
         speed_mps: mission.max_speed_mps,
@@ -76,12 +75,13 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
         patience: arguments.autopilot.patience(),
     };
     let stop = interrupt::flag();
-    let items = upload
-        .run(&mut session, &mut client, &stop, |done, count| {
-            log_progress(done, count);
-        })
-        .map_err(Failure::failed)?;
-    eprintln!();
+    let bar = transfer_bar()?;
+    let outcome = upload.run(&mut session, &mut client, &stop, |done, count| {
+        bar.set_length(count.into());
+        bar.set_position(done.into());
+    });
+    bar.finish_and_clear();
+    let items = outcome.map_err(Failure::failed)?;
     let begun = if arguments.start {
         ", and it flies"
     } else {
@@ -91,8 +91,9 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn log_progress(done: u16, count: u16) {
-    let mut stderr = std::io::stderr().lock();
-    // A terminal that went away is no reason to break off a transfer.
-    let _ = write!(stderr, "\ritem {done} of {count}");
+/// Over items, on a terminal.
+fn transfer_bar() -> Result<ProgressBar, Failure> {
+    let style = ProgressStyle::with_template("item {pos}/{len} {wide_bar} {elapsed}")
+        .map_err(Failure::failed)?;
+    Ok(ProgressBar::with_draw_target(Some(0), terminal()).with_style(style))
 }

@@ -5,10 +5,11 @@ use std::{path::PathBuf, str::FromStr};
 use clap::Args;
 use host_sim::{
     flight, interrupt,
-    link::{LinkAddress, key, tlog},
-    vehicle::{Profile, serve},
+    link::{LinkAddress, key, lossy::Impairment, tlog},
+    vehicle::{Profile, Vehicle, serve},
 };
 
+use super::doctor::impaired;
 use super::{Failure, load_scenario};
 
 /// Which vehicle, and where.
@@ -32,6 +33,9 @@ pub(crate) struct VehicleArguments {
     /// Sign what is sent and take only what is signed, with the key in this file
     #[arg(long, value_name = "FILE")]
     signing_key: Option<PathBuf>,
+    /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
+    #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
+    impair: Option<Impairment>,
 }
 
 fn parse_parameter(text: &str) -> Result<(String, f32), String> {
@@ -68,13 +72,21 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
         let key = key::read(file).map_err(Failure::bad_input)?;
         settings.signing = Some((key, tlog::wall_clock_us()));
     }
+    let stop = interrupt::flag();
+    let failed = |error| Failure::failed(format!("--listen {}: {error}", arguments.listen));
+    let link = arguments.listen.open().map_err(failed)?;
+    let mut link = impaired(link, arguments.impair.as_ref());
     eprintln!(
         "{} vehicle at {}, speed {}; ctrl-C ends it",
         arguments.profile.name(),
         arguments.listen,
         arguments.speed
     );
-    let stop = interrupt::flag();
-    serve(&arguments.listen, settings, arguments.speed, &stop)
-        .map_err(|error| Failure::failed(format!("--listen {}: {error}", arguments.listen)))
+    serve(
+        link.as_mut(),
+        Vehicle::new(settings),
+        arguments.speed,
+        &stop,
+    )
+    .map_err(failed)
 }

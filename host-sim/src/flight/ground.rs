@@ -2,6 +2,7 @@
 
 use firmware_core::{
     Position, SENSORS_MAX, USERS_MAX,
+    inner::Method,
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
 };
 
@@ -16,6 +17,7 @@ type HostMessage = Message<f64, USERS_MAX, SENSORS_MAX>;
 #[derive(Debug)]
 pub(super) struct Ground {
     world: World,
+    method: Method<f64>,
     decoder: Decoder,
     /// The slot whose command is awaited, and where the vehicle truly is.
     arrival: Option<(Arrival<f64>, Position<f64>)>,
@@ -25,9 +27,11 @@ pub(super) struct Ground {
 }
 
 impl Ground {
-    pub(super) fn new(world: World) -> Self {
+    /// `method` is what the vehicle allocates with.
+    pub(super) fn new(world: World, method: Method<f64>) -> Self {
         Self {
             world,
+            method,
             decoder: Decoder::new(),
             arrival: None,
             slots: Vec::new(),
@@ -115,17 +119,26 @@ impl Ground {
             return;
         };
         let outcome = self.world.transmit(command, &position);
+        let waypoint = arrival.plan.waypoint;
+        let planned_rate = if waypoint == position {
+            outcome.rate
+        } else {
+            let user = command.served_user;
+            self.world
+                .rate_at(&self.method, command.slot, user, &waypoint)
+        };
         let coefficients = &command.sensor_coefficients;
         let power_w: f64 = coefficients.iter().map(|b| b * b).sum();
         self.slots.push(SlotRecord {
             slot: command.slot,
-            planned: arrival.plan.waypoint,
+            planned: waypoint,
             flown: position,
             served_user: command.served_user,
             user_power_w: command.user_power.0,
             normalizing_factor: command.normalizing_factor,
             sensor_power_mean_w: power_w / coefficients.len().max(1) as f64,
             rate: outcome.rate,
+            planned_rate,
             mse: outcome.mse,
             limited_by: command.status.limited_by(),
             feasible: command.status.is_feasible(),

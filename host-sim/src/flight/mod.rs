@@ -17,13 +17,19 @@ use std::time::Instant as WallInstant;
 use firmware_core::{
     Displacement, Position, SENSORS_MAX, USERS_MAX,
     autopilot::{
-        self, Autopilot, Geofence, Phase, SettingsError, frames::Geodetic, wire::MAX_FRAME,
+        self, Autopilot, Event, Finding, Geofence, Phase, SettingsError,
+        failsafe::Watch,
+        frames::Geodetic,
+        wire::{
+            MAX_FRAME,
+            signing::{Signer, Verifier},
+        },
     },
     controller::Controller,
     link::FRAME_MAX,
     onboard::{Activity, Fault, Onboard, Probe, Settings, Stage},
     policy::Policy,
-    time::Instant,
+    time::{Duration, Instant},
 };
 use thiserror::Error;
 
@@ -41,7 +47,20 @@ use ground::Ground;
 pub use peer::Peer;
 
 /// How long an autopilot's first heartbeat is waited for.
-const CONNECT_PATIENCE: Instant = Instant::from_micros(30_000_000);
+pub const CONNECT_PATIENCE: Duration = Duration::from_secs(30);
+
+/// How long after a flight parameters may take to be put back.
+const RESTORE_PATIENCE: Duration = Duration::from_secs(30);
+
+/// The ground is heard once a slot; after so many without it, and at least
+/// [`GROUND_PATIENCE`], the vehicle is landed.
+const GROUND_SLOTS: u32 = 10;
+
+/// The shortest silence of the ground that counts.
+const GROUND_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Which of our links signs frames.
+const SIGNING_LINK: u8 = 1;
 
 /// How far around the mission's area the geofence lies: a vehicle that far outside is landed.
 const FENCE_MARGIN_M: f64 = 50.0;
@@ -73,6 +92,10 @@ pub trait Observer {
     fn event(&mut self, event: &FlightEvent) {
         let _ = event;
     }
+    /// Something that a person must do, now that the flight is over.
+    fn duty(&mut self, words: &str) {
+        let _ = words;
+    }
     /// Whether to stop: the vehicle is then landed.
     fn wants_stop(&self) -> bool {
         false
@@ -93,11 +116,14 @@ pub enum FlightError {
     Link(#[from] std::io::Error),
     /// No autopilot at the other end.
     #[error(
-        "no heartbeat of an autopilot in {waited_s:.0} s: is it running, and at the other end of --link?"
+        "no heartbeat of an autopilot in {waited_s:.0} s: is it running, and at the other end of --link?{}",
+        refused_in_words(*.refused)
     )]
     NobodyThere {
         /// For how long, seconds of flight.
         waited_s: f64,
+        /// Frames that came and were refused for their signature.
+        refused: u32,
     },
     /// The mission was broken off.
     #[error("broken off after {slots_done} of {slots} slots: {reason}")]
@@ -109,6 +135,16 @@ pub enum FlightError {
         /// What went wrong, in words.
         reason: String,
     },
+}
+
+/// For the end of a complaint: frames that came and were refused for their signature.
+pub fn refused_in_words(refused: u32) -> String {
+    match refused {
+        0 => String::new(),
+        some => format!(
+            " {some} frames came that were not signed with the key of --signing-key, or replayed"
+        ),
+    }
 }
 
 /// A flight that did not reach its end still leaves a record of what it did.
@@ -134,10 +170,11 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
     mut peer: Peer,
     observer: &mut impl Observer,
 ) -> Result<FlightRecord, FailedFlight> {
-    let mut flight = Flight::new(scenario, policy, settings).map_err(|error| FailedFlight {
-        error,
-        record: None,
-    })?;
+    let mut flight =
+        Flight::new(scenario, policy, settings, &peer).map_err(|error| FailedFlight {
+            error,
+            record: None,
+        })?;
     let outcome = flight
         .run(&mut peer, observer)
         .and_then(|()| Ok(peer.finish()?));
@@ -165,9 +202,14 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
         high: Position::new(p.area.east_m, p.area.north_m) + around,
         ceiling_m: p.altitude_m + FENCE_MARGIN_M,
     };
+    let slot = Duration::from_secs_f64(p.slot_duration_s);
     autopilot::Settings {
         limits,
         geofence: Some(fence),
+        watch: Watch {
+            ground: Some((slot * GROUND_SLOTS).max(GROUND_PATIENCE)),
+            ..Watch::default()
+        },
         ..autopilot::Settings::new(map_origin(scenario), p.start, p.altitude_m, p.max_speed_mps)
     }
 }
@@ -202,25 +244,39 @@ struct Flight<P> {
     path: Vec<PathSample>,
     /// When slot 1 began.
     started: Option<Instant>,
+    /// When the flight was over.
+    ended: Option<Instant>,
 }
 
 impl<P: Policy<f64, USERS_MAX>> Flight<P> {
-    fn new(scenario: &Scenario, policy: P, settings: &FlightSettings) -> Result<Self, FlightError> {
-        let controller = Controller::new(scenario.mission.clone(), policy)
-            .with_method(settings.inner.method(&scenario.mission));
-        let autopilot = Autopilot::new(autopilot_settings(scenario, settings.profile))?;
+    fn new(
+        scenario: &Scenario,
+        policy: P,
+        settings: &FlightSettings,
+        peer: &Peer,
+    ) -> Result<Self, FlightError> {
+        let method = settings.inner.method(&scenario.mission);
+        let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
+        let autopilot = Autopilot::new(autopilot::Settings {
+            set_parameters: peer.sets_parameters(),
+            ..autopilot_settings(scenario, settings.profile)
+        })?;
+        let mut onboard = Onboard::new(Settings::default(), controller, autopilot);
+        if let Some(key) = peer.key() {
+            let unix_us = peer.unix_us(Instant::ZERO);
+            let signer = Signer::new(key.clone(), SIGNING_LINK, unix_us);
+            onboard.sign_with(signer, Verifier::new(key.clone(), unix_us));
+        }
+        let world = World::new(scenario, settings.seed, settings.symbols_per_slot);
         Ok(Self {
-            onboard: Onboard::new(Settings::default(), controller, autopilot),
-            ground: Ground::new(World::new(
-                scenario,
-                settings.seed,
-                settings.symbols_per_slot,
-            )),
+            onboard,
+            ground: Ground::new(world, method),
             clock: Clock::new(settings.pace),
             stopwatch: Stopwatch::default(),
             events: Vec::new(),
             path: Vec::new(),
             started: None,
+            ended: None,
         })
     }
 
@@ -230,16 +286,21 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         self.onboard.autopilot_mut().launch(self.clock.now());
         loop {
             let now = self.clock.now();
-            peer.step(now);
+            peer.step(now)?;
+            self.onboard.set_signing_time(peer.unix_us(now));
             self.exchange(now, peer, observer)?;
             self.note_path(now, peer);
             self.note_events(now, observer);
-            if self.onboard.autopilot().phase().is_final() {
+            if self.onboard.autopilot().phase().is_final() && self.is_tidy(now, observer) {
                 return self.verdict();
             }
-            if self.onboard.autopilot().phase() == Phase::Connecting && now > CONNECT_PATIENCE {
-                let waited_s = now.since(Instant::ZERO).as_secs_f64();
-                return Err(FlightError::NobodyThere { waited_s });
+            let waited = now.since(Instant::ZERO);
+            if self.onboard.autopilot().phase() == Phase::Connecting && waited > CONNECT_PATIENCE {
+                let counters = self.onboard.status().mavlink;
+                return Err(FlightError::NobodyThere {
+                    waited_s: waited.as_secs_f64(),
+                    refused: counters.unsigned + counters.bad_signature + counters.replayed,
+                });
             }
             if !stop_asked && observer.wants_stop() {
                 stop_asked = true;
@@ -247,6 +308,20 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             }
             self.clock.advance(peer)?;
         }
+    }
+
+    /// Parameters that were set are put back, or it has taken too long and was said.
+    fn is_tidy(&mut self, now: Instant, observer: &mut impl Observer) -> bool {
+        let ended = *self.ended.get_or_insert(now);
+        if self.onboard.autopilot().is_restored() {
+            return true;
+        }
+        if now.since(ended) > RESTORE_PATIENCE {
+            self.onboard.autopilot_mut().abandon_parameters();
+            self.note_events(now, observer);
+            return true;
+        }
+        false
     }
 
     /// Carries frames both ways until all is said.
@@ -307,6 +382,9 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
 
     fn note_events(&mut self, now: Instant, observer: &mut impl Observer) {
         while let Some(event) = self.onboard.autopilot_mut().take_next_event() {
+            if let Event::Finding(left @ Finding::NotRestored { .. }) = &event {
+                observer.duty(&left.to_string());
+            }
             let event = FlightEvent {
                 time_s: now.since(Instant::ZERO).as_secs_f64(),
                 text: event.to_string(),

@@ -1,4 +1,5 @@
-//! The vehicle's end of the MAVLink link, built in or elsewhere, and the log of what passes.
+//! The vehicle's end of the MAVLink link, built in or elsewhere: what lies on the way to it, who
+//! listens beside, and the log of what passes.
 
 use std::{
     collections::VecDeque,
@@ -8,11 +9,16 @@ use std::{
     time::Duration as WallDuration,
 };
 
-use firmware_core::{Position, autopilot::wire::Decoder, time::Instant};
+use firmware_core::{
+    Position,
+    autopilot::wire::{Decoder, signing::SigningKey},
+    time::Instant,
+};
 
 use crate::{
     link::{
-        Link,
+        Beside, Link,
+        lossy::{Channel, Impairment},
         tlog::{SIMULATED_EPOCH_US, TlogWriter, wall_clock_us},
     },
     vehicle::Vehicle,
@@ -22,6 +28,11 @@ use crate::{
 #[derive(Debug)]
 pub struct Peer {
     vessel: Vessel,
+    /// To the vehicle and from it, where the link is a bad one.
+    impaired: Option<(Channel, Channel)>,
+    beside: Vec<Beside>,
+    key: Option<SigningKey>,
+    set_parameters: bool,
     log: Option<TlogWriter<BufWriter<File>>>,
 }
 
@@ -39,26 +50,79 @@ enum Vessel {
     },
 }
 
+impl Vessel {
+    fn next_frame(&mut self) -> Option<Vec<u8>> {
+        match self {
+            Self::BuiltIn(vehicle) => vehicle.next_frame(),
+            Self::Elsewhere { frames, .. } => frames.pop_front(),
+        }
+    }
+
+    fn deliver(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
+        match self {
+            Self::BuiltIn(vehicle) => {
+                vehicle.receive(now, frame);
+                vehicle.end_of_datagram(now);
+            }
+            // A link that is down loses frames as a radio does; the failsafes see to it.
+            Self::Elsewhere { link, .. } => {
+                link.send(frame)?;
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Peer {
-    /// The vehicle of this process.
-    pub fn built_in(vehicle: Vehicle) -> Self {
+    fn new(vessel: Vessel) -> Self {
         Self {
-            vessel: Vessel::BuiltIn(Box::new(vehicle)),
+            vessel,
+            impaired: None,
+            beside: Vec::new(),
+            key: None,
+            set_parameters: false,
             log: None,
         }
     }
 
+    /// The vehicle of this process.
+    pub fn built_in(vehicle: Vehicle) -> Self {
+        Self::new(Vessel::BuiltIn(Box::new(vehicle)))
+    }
+
     /// Whoever answers on a link.
     pub fn elsewhere(link: Box<dyn Link>) -> Self {
-        Self {
-            vessel: Vessel::Elsewhere {
-                link,
-                decoder: Box::new(Decoder::new()),
-                frames: VecDeque::new(),
-                piece: Vec::new(),
-            },
-            log: None,
-        }
+        Self::new(Vessel::Elsewhere {
+            link,
+            decoder: Box::new(Decoder::new()),
+            frames: VecDeque::new(),
+            piece: Vec::new(),
+        })
+    }
+
+    /// The way there and back is a bad one, in the time of the flight.
+    pub fn impaired(mut self, impairment: &Impairment) -> Self {
+        self.impaired = Some(impairment.channels());
+        self
+    }
+
+    /// A ground station listens beside: it hears what our client hears and says, and what it says
+    /// goes to the vehicle.
+    pub fn beside(mut self, link: Box<dyn Link>) -> Self {
+        self.beside.push(Beside::new(link));
+        self
+    }
+
+    /// Our client signs what it says and takes only what is signed with this key.
+    pub fn signed_with(mut self, key: SigningKey) -> Self {
+        self.key = Some(key);
+        self
+    }
+
+    /// Our client may set parameters that clip the mission, for as long as it lasts.
+    pub fn with_parameters_set(mut self) -> Self {
+        self.set_parameters = true;
+        self
     }
 
     /// Logs every frame in both directions into a `.tlog` file. Simulated flights are logged in
@@ -67,13 +131,8 @@ impl Peer {
     /// # Errors
     /// The file cannot be created.
     pub fn log_to(mut self, path: &Path) -> io::Result<Self> {
-        let epoch_us = if self.is_built_in() {
-            SIMULATED_EPOCH_US
-        } else {
-            wall_clock_us()
-        };
         let file = BufWriter::new(File::create(path)?);
-        self.log = Some(TlogWriter::new(file, epoch_us));
+        self.log = Some(TlogWriter::new(file, self.unix_us(Instant::ZERO)));
         Ok(self)
     }
 
@@ -81,38 +140,86 @@ impl Peer {
         matches!(self.vessel, Vessel::BuiltIn(_))
     }
 
-    /// Lets time pass where it is simulated.
-    pub(super) fn step(&mut self, now: Instant) {
+    pub(super) fn key(&self) -> Option<&SigningKey> {
+        self.key.as_ref()
+    }
+
+    pub(super) fn sets_parameters(&self) -> bool {
+        self.set_parameters
+    }
+
+    /// The date, microseconds since 1970: the wall's, or that of the simulation.
+    pub(super) fn unix_us(&self, now: Instant) -> u64 {
+        match self.vessel {
+            Vessel::BuiltIn(_) => SIMULATED_EPOCH_US + now.micros(),
+            Vessel::Elsewhere { .. } => wall_clock_us(),
+        }
+    }
+
+    /// Lets time pass where it is simulated, and frames arrive that are due at the vehicle.
+    pub(super) fn step(&mut self, now: Instant) -> io::Result<()> {
+        let unix_us = self.unix_us(now);
         if let Vessel::BuiltIn(vehicle) = &mut self.vessel {
+            vehicle.set_signing_time(unix_us);
             vehicle.step(now);
         }
+        if let Some((up, _)) = &mut self.impaired {
+            while let Some(frame) = up.pop(now) {
+                self.vessel.deliver(now, &frame)?;
+            }
+        }
+        for beside in &self.beside {
+            while let Some(frame) = beside.take_said() {
+                if let Some(log) = &mut self.log {
+                    log.record(now, &frame)?;
+                }
+                self.vessel.deliver(now, &frame)?;
+            }
+        }
+        Ok(())
     }
 
     /// A frame from the vehicle, if there is one.
     pub(super) fn receive(&mut self, now: Instant) -> io::Result<Option<Vec<u8>>> {
-        let frame = match &mut self.vessel {
-            Vessel::BuiltIn(vehicle) => vehicle.next_frame(),
-            Vessel::Elsewhere { frames, .. } => frames.pop_front(),
+        let frame = match &mut self.impaired {
+            Some((_, down)) => {
+                while let Some(frame) = self.vessel.next_frame() {
+                    down.push(now, &frame);
+                }
+                down.pop(now)
+            }
+            None => self.vessel.next_frame(),
         };
-        if let (Some(frame), Some(log)) = (&frame, &mut self.log) {
-            log.record(now, frame)?;
+        if let Some(frame) = &frame {
+            self.pass(now, frame)?;
         }
         Ok(frame)
     }
 
     /// A frame to the vehicle.
     pub(super) fn send(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
-        if let Some(log) = &mut self.log {
-            log.record(now, frame)?;
-        }
-        match &mut self.vessel {
-            Vessel::BuiltIn(vehicle) => vehicle.receive(now, frame),
-            // A link that is down loses frames as a radio does; the failsafes see to it.
-            Vessel::Elsewhere { link, .. } => {
-                link.send(frame)?;
+        self.pass(now, frame)?;
+        match &mut self.impaired {
+            Some((up, _)) => {
+                up.push(now, frame);
+                while let Some(frame) = up.pop(now) {
+                    self.vessel.deliver(now, &frame)?;
+                }
+                Ok(())
             }
+            None => self.vessel.deliver(now, frame),
         }
-        Ok(())
+    }
+
+    /// What passes is logged, and heard beside.
+    fn pass(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
+        for beside in &self.beside {
+            beside.hear(frame);
+        }
+        match &mut self.log {
+            Some(log) => log.record(now, frame),
+            None => Ok(()),
+        }
     }
 
     /// Waits for something to come, at most so long.

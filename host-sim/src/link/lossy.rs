@@ -1,15 +1,21 @@
 //! What a bad radio does to frames: loss, duplication, reordering, corruption, delay, a cut.
 //!
 //! A [`Channel`] is one direction, without I/O: frames go in with the time, and come out when
-//! they are due, if at all. It goes around any link or between two state machines; the same
-//! seed gives the same losses.
+//! they are due, if at all. It goes between two state machines; [`Impaired`] puts two of them
+//! around any link. An [`Impairment`] is how the command line says it. The same seed gives the
+//! same losses.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::io;
+use std::str::FromStr;
+use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use firmware_core::time::{Duration, Instant};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+
+use super::Link;
 
 /// How bad it is. Probabilities are per frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -91,9 +97,210 @@ impl Channel {
     }
 }
 
+/// How bad both directions of a link are, as `--impair` says it:
+/// `loss=0.2,duplicate=0.05,reorder=0.05,reorder-ms=100,corrupt=0.01,delay-ms=40,seed=3`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Impairment {
+    /// What happens to frames.
+    pub faults: Faults,
+    /// Of the draws.
+    pub seed: u64,
+}
+
+/// How far a frame is held back at most unless `reorder-ms` says so.
+const REORDERING_DELAY: Duration = Duration::from_millis(100);
+
+impl Impairment {
+    /// To the vehicle, and from it: two streams of one seed.
+    pub fn channels(&self) -> (Channel, Channel) {
+        let channel = |seed| Channel::new(self.faults.clone(), seed);
+        (channel(self.seed), channel(!self.seed))
+    }
+}
+
+impl FromStr for Impairment {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        const KEYS: &str = "loss, duplicate, reorder, corrupt (0 to 1), delay-ms, reorder-ms (0 to \
+                            10000) and seed";
+        let mut faults = Faults {
+            reordering_delay: REORDERING_DELAY,
+            ..Faults::default()
+        };
+        let mut seed = 1;
+        for part in text.split(',') {
+            let (key, value) = part
+                .split_once('=')
+                .ok_or_else(|| format!("`{part}` is not KEY=NUMBER; keys are {KEYS}"))?;
+            let number = |limit: f64| {
+                let number = value.parse::<f64>().ok();
+                number.filter(|n| (0.0..=limit).contains(n)).ok_or_else(|| {
+                    format!("{key} is `{value}`, but must be a number from 0 to {limit}")
+                })
+            };
+            let duration = || number(10_000.0).map(|ms| Duration::from_secs_f64(ms * 1e-3));
+            match key {
+                "loss" => faults.loss = number(1.0)?,
+                "duplicate" => faults.duplication = number(1.0)?,
+                "reorder" => faults.reordering = number(1.0)?,
+                "corrupt" => faults.corruption = number(1.0)?,
+                "delay-ms" => faults.delay = duration()?,
+                "reorder-ms" => faults.reordering_delay = duration()?,
+                "seed" => {
+                    seed = value
+                        .parse()
+                        .map_err(|_| format!("seed is `{value}`, but must be a whole number"))?;
+                }
+                other => return Err(format!("there is no `{other}`; keys are {KEYS}")),
+            }
+        }
+        Ok(Self { faults, seed })
+    }
+}
+
+/// A bad radio around a link, in real time. What it does it does to whole frames on the way out,
+/// and on the way in to what was received together: a datagram, or a piece of a stream.
+#[derive(Debug)]
+pub struct Impaired {
+    link: Box<dyn Link>,
+    begun: WallInstant,
+    up: Channel,
+    down: Channel,
+    piece: Vec<u8>,
+}
+
+impl Impaired {
+    /// The link's own look at a quiet line, at most.
+    const LOOK: WallDuration = WallDuration::from_millis(1);
+
+    /// Around this link.
+    pub fn new(link: Box<dyn Link>, impairment: &Impairment) -> Self {
+        let (up, down) = impairment.channels();
+        Self {
+            link,
+            begun: WallInstant::now(),
+            up,
+            down,
+            piece: Vec::new(),
+        }
+    }
+
+    fn now(&self) -> Instant {
+        Instant::ZERO + Duration::from_secs_f64(self.begun.elapsed().as_secs_f64())
+    }
+
+    fn send_due(&mut self) -> io::Result<bool> {
+        let mut up = true;
+        while let Some(frame) = self.up.pop(self.now()) {
+            up = self.link.send(&frame)?;
+        }
+        Ok(up)
+    }
+}
+
+impl Link for Impaired {
+    fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
+        self.up.push(self.now(), frame);
+        self.send_due()
+    }
+
+    fn receive(&mut self, buffer: &mut Vec<u8>, timeout: WallDuration) -> io::Result<bool> {
+        let begun = WallInstant::now();
+        loop {
+            self.send_due()?;
+            if let Some(frame) = self.down.pop(self.now()) {
+                *buffer = frame;
+                return Ok(true);
+            }
+            let left = timeout.saturating_sub(begun.elapsed());
+            if self.link.receive(&mut self.piece, left.min(Self::LOOK))? {
+                self.down.push(self.now(), &self.piece);
+            } else if left.is_zero() {
+                buffer.clear();
+                return Ok(false);
+            }
+        }
+    }
+
+    fn is_datagram(&self) -> bool {
+        self.link.is_datagram()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn impairments_are_read_and_wrong_ones_say_what_would_be_right() {
+        let text = "loss=0.2,duplicate=0.05,reorder=0.1,corrupt=0.01,delay-ms=40,seed=3";
+        let read: Impairment = text.parse().unwrap();
+        let faults = Faults {
+            loss: 0.2,
+            duplication: 0.05,
+            reordering: 0.1,
+            reordering_delay: REORDERING_DELAY,
+            corruption: 0.01,
+            delay: Duration::from_millis(40),
+            cut: None,
+        };
+        assert_eq!(read, Impairment { faults, seed: 3 });
+        for (bad, complaint) in [
+            ("", "`` is not KEY=NUMBER"),
+            ("loss", "`loss` is not KEY=NUMBER"),
+            ("loss=2", "loss is `2`, but must be a number from 0 to 1"),
+            ("loss=nan", "from 0 to 1"),
+            ("delay-ms=-1", "from 0 to 10000"),
+            ("seed=x", "whole number"),
+            ("latency=3", "there is no `latency`; keys are loss"),
+        ] {
+            let error = bad.parse::<Impairment>().unwrap_err();
+            assert!(error.contains(complaint), "{bad}: {error}");
+        }
+    }
+
+    /// A link that gives back what it was sent.
+    #[derive(Debug, Default)]
+    struct Echo(std::collections::VecDeque<Vec<u8>>);
+
+    impl Link for Echo {
+        fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
+            self.0.push_back(frame.to_vec());
+            Ok(true)
+        }
+
+        fn receive(&mut self, buffer: &mut Vec<u8>, _: WallDuration) -> io::Result<bool> {
+            buffer.clear();
+            buffer.extend(self.0.pop_front().unwrap_or_default());
+            Ok(!buffer.is_empty())
+        }
+
+        fn is_datagram(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn around_a_link_both_directions_lose_and_double() {
+        let through = |text: &str| {
+            let impairment = text.parse().unwrap();
+            let mut link = Impaired::new(Box::new(Echo::default()), &impairment);
+            let (mut came, mut frame) = (0, Vec::new());
+            for n in 0..2_000u32 {
+                link.send(&n.to_be_bytes()).unwrap();
+                while link.receive(&mut frame, WallDuration::ZERO).unwrap() {
+                    came += 1;
+                }
+            }
+            came
+        };
+        assert_eq!(through("loss=0"), 2_000);
+        assert_eq!(through("loss=1"), 0);
+        assert_eq!(through("duplicate=1"), 8_000);
+        let passed = through("loss=0.2,seed=5");
+        assert!((1_180..1_380).contains(&passed), "64 % of 2,000: {passed}");
+    }
 
     fn run(faults: Faults, seed: u64) -> Vec<u32> {
         let mut channel = Channel::new(faults, seed);

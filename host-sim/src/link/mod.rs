@@ -2,10 +2,12 @@
 //!
 //! ```text
 //! LinkAddress (a --link string) ─ open ─ Link (udpin, udpout, tcpout, serial)
-//!                                          └ Port: frames, checks, numbers, signs, logs
-//! lossy::Channel: what a bad radio does to frames, seeded; goes around any of them
+//!                                          ├ Port: frames, checks, numbers, signs, logs
+//!                                          ├ Beside: a ground station that listens beside
+//!                                          └ lossy::Impaired: a bad radio, seeded
 //! ```
 
+mod beside;
 pub mod faults;
 pub mod key;
 pub mod lossy;
@@ -21,6 +23,7 @@ use std::io;
 use std::str::FromStr;
 use std::time::Duration;
 
+pub use beside::Beside;
 pub use port::Port;
 pub use session::Session;
 

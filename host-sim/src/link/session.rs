@@ -33,6 +33,12 @@ impl Session {
         Instant::from_micros((self.begin.elapsed().as_secs_f64() * self.speed * 1e6) as u64)
     }
 
+    /// Frames that came and were refused for their signature.
+    pub fn refused(&self) -> u32 {
+        let counters = self.port.counters();
+        counters.unsigned + counters.bad_signature + counters.replayed
+    }
+
     /// Sends a message.
     pub fn send(&mut self, message: &MavMessage) -> io::Result<bool> {
         self.port.send(self.now(), message)

@@ -79,7 +79,15 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
         ),
         (
             "Planned to flown",
-            format!("{} m at most", decimal(summary.planned_vs_flown_m, 3)),
+            format!(
+                "{} m at most, median {} m",
+                decimal(summary.planned_vs_flown_m, 3),
+                decimal(summary.planned_vs_flown_median_m, 3)
+            ),
+        ),
+        (
+            "Rate that this cost",
+            format!("{} bit/s/Hz", decimal(summary.planned_vs_flown_rate, 4)),
         ),
         ("Plan, median and max", timing(&summary.plan_us)),
         ("Allocate, median and max", timing(&summary.allocate_us)),

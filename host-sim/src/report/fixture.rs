@@ -47,6 +47,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
             normalizing_factor: command.normalizing_factor,
             sensor_power_mean_w: powers.sum::<f64>() / mission.sensor_count() as f64,
             rate: command.rate,
+            planned_rate: command.rate,
             mse: command.mse,
             limited_by: command.status.limited_by(),
             feasible: command.status.is_feasible(),

@@ -228,8 +228,9 @@ fn figures(record: &FlightRecord, summary: &Summary) -> Element {
     let deviation = match decimal(summary.planned_vs_flown_m, 2).as_str() {
         "0.00" => "every waypoint was reached".to_owned(),
         most => format!(
-            "waypoints were missed by {most} m at most, {} m in the median",
-            decimal(summary.planned_vs_flown_median_m, 2)
+            "waypoints were missed by {most} m at most, {} m in the median, which cost {} bit/s/Hz",
+            decimal(summary.planned_vs_flown_median_m, 2),
+            decimal(summary.planned_vs_flown_rate, 3)
         ),
     };
     let figure = |title: &'static str, words: String, drawing: Element| {

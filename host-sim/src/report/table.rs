@@ -144,8 +144,9 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
             "off the plan",
             format!("{} m", decimal(summary.planned_vs_flown_m, 2)),
             format!(
-                "at most, median {} m",
-                decimal(summary.planned_vs_flown_median_m, 2)
+                "at most, median {} m; cost {} bit/s/Hz",
+                decimal(summary.planned_vs_flown_median_m, 2),
+                decimal(summary.planned_vs_flown_rate, 3)
             ),
         ),
         fact(

@@ -56,8 +56,8 @@ pub struct VehicleSettings {
     pub ready_after: Duration,
     /// Parameters that differ from the profile's defaults: name and value.
     pub parameters: Vec<(String, f32)>,
-    /// Signs and requires signatures: the key, and where its time begins (microseconds since
-    /// 1970).
+    /// Signs and requires signatures: the key, and the time at first, microseconds since 1970;
+    /// [`Vehicle::set_signing_time`] moves it on.
     pub signing: Option<(SigningKey, u64)>,
 }
 
@@ -89,6 +89,8 @@ pub struct Faults {
     pub position_offset_m: Vector2<f64>,
     /// Setpoints are taken and not flown.
     pub ignore_setpoints: bool,
+    /// Its heartbeats say that the motors stand still.
+    pub disarmed: bool,
     /// What the battery shows, percent; `None` for full.
     pub battery_percent: Option<i8>,
 }
@@ -262,7 +264,6 @@ impl Vehicle {
             self.time += STEP;
             self.step_body();
         }
-        self.set_signing_time(now);
         self.tend_mission_transfer(now);
         self.transmit_due(now);
     }
@@ -278,15 +279,14 @@ impl Vehicle {
         self.set_mode(mode);
     }
 
-    fn set_signing_time(&mut self, now: Instant) {
-        if let Some((_, epoch_us)) = self.settings.signing {
-            let time_us = epoch_us + now.micros();
-            if let Some(signer) = self.encoder.signer_mut() {
-                signer.set_time(time_us);
-            }
-            if let Some(verifier) = self.decoder.verifier_mut() {
-                verifier.set_time(time_us);
-            }
+    /// Sets the clock of signatures, microseconds since 1970; it never goes back. It is no part
+    /// of simulated time: signatures of today must not look like tomorrow's.
+    pub fn set_signing_time(&mut self, unix_us: u64) {
+        if let Some(signer) = self.encoder.signer_mut() {
+            signer.set_time(unix_us);
+        }
+        if let Some(verifier) = self.decoder.verifier_mut() {
+            verifier.set_time(unix_us);
         }
     }
 

@@ -32,6 +32,11 @@ impl Profile {
         let all = Parameters::of(self).all;
         all.into_iter().map(|(name, _)| name).collect()
     }
+
+    /// A parameter's default, if the vehicle has one of that name.
+    pub fn parameter(self, name: &str) -> Option<f64> {
+        Parameters::of(self).number(name)
+    }
 }
 
 /// m/s^2.

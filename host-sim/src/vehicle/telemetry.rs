@@ -188,7 +188,7 @@ impl Vehicle {
 
     pub(super) fn send_heartbeat(&mut self) {
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
-        if self.armed {
+        if self.armed && !self.faults.disarmed {
             base_mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
         }
         if matches!(self.mode, FlightMode::Guided | FlightMode::Auto) {
@@ -204,7 +204,7 @@ impl Vehicle {
             mavtype: MavType::MAV_TYPE_QUADROTOR,
             autopilot,
             base_mode,
-            system_status: if self.armed {
+            system_status: if self.armed && !self.faults.disarmed {
                 MavState::MAV_STATE_ACTIVE
             } else {
                 MavState::MAV_STATE_STANDBY
