@@ -158,6 +158,7 @@ fn answers_keep_the_constraints_and_no_random_point_is_better() {
 #[test]
 fn more_freedom_never_costs_rate() {
     let mut random = generator(2);
+    let mut at_border = 0;
     for _ in 0..20_000 {
         let problem = Problem::draw(&mut random);
         let before = check(&problem);
@@ -177,13 +178,14 @@ fn more_freedom_never_costs_rate() {
                 after.rate >= before.rate * (1.0 - 1e-9) - 1e-13 * problem.sensors() as f64,
                 "{before:?} {after:?} {problem:?}"
             );
-            assert!(
-                after.status.is_feasible()
-                    || !before.status.is_feasible()
-                    || headroom(&freer) > 1.0 - 1e-12
-            );
+            // Rounding may take a slot that is feasible by a hair to the other side.
+            if before.status.is_feasible() && !after.status.is_feasible() {
+                at_border += 1;
+                assert!(headroom(&freer) > 1.0 - 1e-12, "{problem:?}");
+            }
         }
     }
+    assert!(at_border <= 10, "{at_border} of 80,000 crossed the border");
 }
 
 /// Single precision, on channels as they are: it must agree wherever the border of feasibility
@@ -191,6 +193,7 @@ fn more_freedom_never_costs_rate() {
 #[test]
 fn single_precision_follows_double() {
     let mut random = generator(3);
+    let mut at_border = 0;
     for _ in 0..50_000 {
         let problem = Problem::draw(&mut random);
         let (double, single) = (solve(&problem), solve_in::<f32>(&problem));
@@ -198,6 +201,7 @@ fn single_precision_follows_double() {
         // kappa = J (1 - J Gamma) and the sums lose a few digits of seven.
         let rounding = 4e-6 / slack;
         if (headroom(&problem) - 1.0).abs() < rounding {
+            at_border += 1;
             continue;
         }
         assert_eq!(
@@ -216,6 +220,7 @@ fn single_precision_follows_double() {
         }
         assert!(single.user_power.0 <= problem.limits.user_power_max.0 as f32);
     }
+    assert!(at_border <= 10, "{at_border} of 50,000 not compared");
 }
 
 /// Table I with given gains.
@@ -329,12 +334,14 @@ fn powerless_sensors_are_infeasible() {
 #[test]
 fn the_border_of_feasibility() {
     let mut random = generator(4);
+    let mut undecided = 0;
     for _ in 0..5_000 {
         let problem = Problem::draw(&mut random);
         let sensors = problem.sensors() as f64;
         let f = headroom(&problem) * problem.limits.kappa(problem.sensors());
         // Nothing left to decide where the sensors cannot be heard or the noise cannot.
         if !(1e-3..=0.999).contains(&(f / sensors)) {
+            undecided += 1;
             continue;
         }
         for (factor, feasible) in [(1.0 - 1e-9, true), (1.0 + 1e-9, false)] {
@@ -349,6 +356,7 @@ fn the_border_of_feasibility() {
             assert!(solution.rate <= 1e-9 * 1.5, "{solution:?}");
         }
     }
+    assert!(undecided <= 750, "{undecided} of 5,000 have no border");
 }
 
 /// Numbers at the end of the type: no NaN, no infinity, still the right answer.

@@ -154,7 +154,7 @@ impl<T: Scalar> Policy<T, USERS> for Adversary {
 /// Flies missions until `outputs` outputs are spent; the vehicle goes where it is sent.
 fn fly<T: Scalar>(seed: u64, outputs: u32) {
     let mut random = generator(seed);
-    let mut spent = 0;
+    let (mut spent, mut infeasible) = (0, 0);
     let mut flown = 0_u64;
     while spent < outputs {
         flown += 1;
@@ -192,6 +192,8 @@ fn fly<T: Scalar>(seed: u64, outputs: u32) {
             if command.status.is_feasible() {
                 let limit = p.mse_threshold * (T::one() + T::CONSTRAINT_TOLERANCE);
                 assert!(command.mse <= limit, "{command:?}");
+            } else {
+                infeasible += 1;
             }
             spent += 1;
         }
@@ -208,6 +210,11 @@ fn fly<T: Scalar>(seed: u64, outputs: u32) {
             "{counts:?} {p:?}"
         );
     }
+    // In these slots nothing was promised, so there was nothing to hold.
+    assert!(
+        infeasible < spent / 5,
+        "Gamma was not checked in {infeasible} of {spent} slots"
+    );
 }
 
 #[test]
@@ -223,7 +230,7 @@ fn a_million_hostile_outputs_break_nothing() {
 #[test]
 fn the_projection_is_exact() {
     let mut random = generator(13);
-    let mut moved = 0;
+    let (mut moved, mut compared) = (0, 0);
     for _ in 0..20_000 {
         let area = Area {
             east_m: log_uniform(&mut random, 10.0, 2000.0),
@@ -256,6 +263,7 @@ fn the_projection_is_exact() {
             let other = around + Displacement::new(angle.cos(), angle.sin()) * radius;
             let inside = |center: Position<f64>, radius_m: f64| (other - center).norm() <= radius_m;
             if area.contains(&other) && inside(from, step_m) && inside(destination, home_m) {
+                compared += 1;
                 let rival = (other - wish).norm();
                 assert!(
                     rival >= distance - slack,
@@ -265,12 +273,17 @@ fn the_projection_is_exact() {
         }
     }
     assert!(moved > 10_000, "{moved}");
+    assert!(
+        compared > 180_000,
+        "only {compared} of 1,200,000 samples were in the set"
+    );
 }
 
 /// A wish that is admissible is taken as it is, and not reported.
 #[test]
 fn what_is_admissible_is_left_alone() {
     let mut random = generator(14);
+    let mut admissible = 0;
     let area = Area {
         east_m: 1000.0,
         north_m: 1000.0,
@@ -286,8 +299,13 @@ fn what_is_admissible_is_left_alone() {
         let mut changed = Intervention::default();
         let waypoint = admissible_waypoint(&set, &displacement, &mut changed);
         if set.contains(&wish) {
+            admissible += 1;
             assert_eq!(waypoint, wish);
             assert!(!changed.any());
         }
     }
+    assert!(
+        admissible >= 8_000,
+        "only {admissible} of 10,000 were admissible"
+    );
 }

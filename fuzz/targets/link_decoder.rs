@@ -1,0 +1,111 @@
+//! The ground link from the receiver's end: bytes as they come, and, because no fuzzer guesses a
+//! CRC, bytes as the body of a sound frame. What decodes is then used: no state that can arrive
+//! may make the controller panic or command something that is not a number.
+#![no_main]
+
+use std::sync::LazyLock;
+
+use firmware_core::{
+    SENSORS_MAX, USERS_MAX,
+    controller::{ChannelState, Controller},
+    link::{self, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION},
+    policy::StraightLine,
+};
+use host_sim::scenario::Scenario;
+use libfuzzer_sys::fuzz_target;
+
+type HostMessage = Message<f64, USERS_MAX, SENSORS_MAX>;
+
+static SCENARIO: LazyLock<Scenario> =
+    LazyLock::new(|| Scenario::shipped("separated").expect("shipped"));
+
+fuzz_target!(|data: &[u8]| {
+    let Some((&first, rest)) = data.split_first() else {
+        return;
+    };
+    if first % 2 == 0 {
+        receive(rest);
+    } else {
+        receive(&sealed(rest));
+    }
+});
+
+/// A frame around any bytes.
+fn sealed(body: &[u8]) -> Vec<u8> {
+    let mut plain = vec![PROTOCOL_VERSION];
+    plain.extend_from_slice(body);
+    let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&plain);
+    plain.extend_from_slice(&checksum.to_le_bytes());
+    let mut frame = vec![0; 1 + cobs::max_encoding_length(plain.len()) + 1];
+    let length = cobs::encode(&plain, &mut frame[1..]);
+    frame.truncate(length + 2);
+    frame
+}
+
+fn receive(bytes: &[u8]) {
+    let mut wide = Decoder::<FRAME_MAX>::new();
+    // A receiver with less room, in single precision: what is too long for it is dropped.
+    let mut narrow = Decoder::<64>::new();
+    let (mut pieces, mut outcomes, mut between) = (0, 0, true);
+    for &byte in bytes {
+        pieces += u32::from(byte != 0 && between);
+        between = byte == 0;
+        let _ = narrow.push::<f32, 2, 3>(byte);
+        let outcome: Option<Result<HostMessage, _>> = wide.push(byte);
+        outcomes += u32::from(outcome.is_some());
+        if let Some(Ok(message)) = outcome {
+            // What was understood can be said again.
+            let mut frame = [0; FRAME_MAX];
+            link::encode(&message, &mut frame).expect("every message fits");
+            if let Message::ChannelState(state) = message {
+                allocate(state);
+            }
+        }
+    }
+    let counters = wide.counters();
+    assert_eq!(counters.messages + counters.dropped(), outcomes);
+    assert_eq!(outcomes + u32::from(!between), pieces);
+}
+
+/// The state for slot 1, or as much of it as fits, then a slot without any.
+fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>) {
+    let mission = &SCENARIO.mission;
+    state.slot = 1;
+    let mut controller = Controller::new(mission.clone(), StraightLine::new(mission));
+    let place = mission.parameters().start;
+    controller.plan(place).expect("at rest");
+    if controller.allocate(&state).is_err() {
+        // As if it had had every gain: the ones it has, over and over.
+        let gains = state.user_gains.iter().chain(&state.sensor_gains).copied();
+        let gains: Vec<_> = gains.collect();
+        if gains.is_empty() {
+            return;
+        }
+        let mut gains = gains.into_iter().cycle();
+        state.user_gains = gains.by_ref().take(mission.user_count()).collect();
+        state.sensor_gains = gains.take(mission.sensor_count()).collect();
+        let command = controller.allocate(&state).expect("as many gains as asked");
+        check(&command);
+    }
+    controller.plan(place).expect("at rest");
+    check(&controller.allocate_predicted(&place).expect("under way"));
+}
+
+fn check(command: &firmware_core::controller::SlotCommand<f64, SENSORS_MAX>) {
+    let p = SCENARIO.mission.parameters();
+    let numbers = [
+        command.user_power.0,
+        command.normalizing_factor,
+        command.rate,
+        command.mse,
+    ];
+    let finite = numbers.iter().all(|x| x.is_finite() && *x >= 0.0);
+    assert!(finite, "{command:?}");
+    assert!(command.user_power <= p.user_power_max, "{command:?}");
+    for b in &command.sensor_coefficients {
+        assert!(*b >= 0.0 && b * b <= p.sensor_power_max.0, "{command:?}");
+    }
+    if command.status.is_feasible() {
+        assert!(command.mse <= p.mse_threshold * (1.0 + 1e-9), "{command:?}");
+    }
+}
