@@ -13,12 +13,14 @@
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`] | what a flight leaves behind |
 //! | [`document`] | tables that commands write into documents |
+//! | [`experiment`] | the figures of the paper |
 
 pub mod allocation;
 pub mod bound;
 pub mod conic;
 pub mod doctor;
 pub mod document;
+pub mod experiment;
 pub mod flight;
 pub mod interrupt;
 pub mod link;

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use command::{bound, doctor, run, scenario, solve, upload, vehicle};
+use command::{bound, doctor, experiment, run, scenario, solve, upload, vehicle};
 
 /// A UAV that serves users and averages sensors over the air: flies missions, end to end.
 #[derive(Debug, Parser)]
@@ -35,6 +35,8 @@ enum Command {
     Solve(solve::SolveArguments),
     /// Certify the most that any mission can carry, and find a mission close to it
     Bound(bound::BoundArguments),
+    /// The paper's figures, each as a CSV file and a drawing, with its claims judged
+    Experiment(experiment::ExperimentArguments),
     /// Make, check or draw a scenario
     #[command(subcommand)]
     Scenario(scenario::Command),
@@ -50,6 +52,7 @@ fn main() -> ExitCode {
         Command::Doctor(arguments) => doctor::execute(&arguments),
         Command::Solve(arguments) => solve::execute(&arguments),
         Command::Bound(arguments) => bound::execute(&arguments),
+        Command::Experiment(arguments) => experiment::execute(&arguments),
         Command::Scenario(command) => scenario::execute(command),
     };
     match outcome {

@@ -94,7 +94,7 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn style() -> ProgressStyle {
+pub(super) fn style() -> ProgressStyle {
     ProgressStyle::with_template("{spinner} {elapsed} {msg}")
         .unwrap_or_else(|_| ProgressStyle::default_spinner())
 }

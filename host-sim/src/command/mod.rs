@@ -2,6 +2,7 @@
 
 pub(crate) mod bound;
 pub(crate) mod doctor;
+pub(crate) mod experiment;
 pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod solve;

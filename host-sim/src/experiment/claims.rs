@@ -1,0 +1,100 @@
+//! What the paper claims, and what was measured of it.
+
+use std::fmt;
+
+/// What the numbers say of a claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// In every case.
+    Agrees,
+    /// In some cases, or only in direction.
+    InPart,
+    /// In none.
+    Differs,
+}
+
+impl Verdict {
+    /// From how many of how many cases show it.
+    pub fn of(holding: usize, cases: usize) -> Self {
+        match holding {
+            _ if holding == cases => Self::Agrees,
+            0 => Self::Differs,
+            _ => Self::InPart,
+        }
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Agrees => "agrees",
+            Self::InPart => "in part",
+            Self::Differs => "differs",
+        })
+    }
+}
+
+/// A claim with its verdict.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Claim {
+    /// What is claimed, in our words.
+    pub claimed: &'static str,
+    /// What the numbers say.
+    pub verdict: Verdict,
+    /// The numbers.
+    pub measured: String,
+    /// Where it does not agree: what is known of the reason; otherwise empty.
+    pub reason: &'static str,
+}
+
+impl Claim {
+    /// With a reason that is given only where the claim does not hold throughout.
+    pub(super) fn new(
+        claimed: &'static str,
+        verdict: Verdict,
+        measured: String,
+        reason: &'static str,
+    ) -> Self {
+        let reason = match verdict {
+            Verdict::Agrees => "",
+            Verdict::InPart | Verdict::Differs => reason,
+        };
+        Self {
+            claimed,
+            verdict,
+            measured,
+            reason,
+        }
+    }
+}
+
+/// Counts the cases in which a claim holds.
+#[derive(Debug, Default)]
+pub(super) struct Tally {
+    pub(super) holding: usize,
+    pub(super) cases: usize,
+}
+
+impl Tally {
+    pub(super) fn add(&mut self, holds: bool) {
+        self.cases += 1;
+        self.holding += usize::from(holds);
+    }
+
+    pub(super) fn verdict(&self) -> Verdict {
+        Verdict::of(self.holding, self.cases)
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {}", self.holding, self.cases)
+    }
+}
+
+/// The smallest and the largest.
+pub(super) fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let start = (f64::INFINITY, f64::NEG_INFINITY);
+    let widen = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
+    values.into_iter().fold(start, widen)
+}

@@ -1,0 +1,261 @@
+//! Learning curves of SAC with Table I's settings at several learning rates.
+
+use plotters::chart::SeriesLabelPosition;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    cell::{Cell, Learner, Topology, Training},
+    claims::{Claim, Tally, Verdict},
+    figure::{Axis, Figure, LOOKS, Panel, Series},
+    laboratory::Laboratory,
+    rounded, statistics,
+};
+
+/// Learning rates, from slow to fast, as the trainer takes them; Table I's is the second.
+const LEARNING_RATES: [&str; 4] = ["3e-5", "1e-4", "3e-4", "1e-3"];
+/// Table I's.
+const TABLE_ONE: &str = "1e-4";
+/// Seeds 1 to this.
+const SEEDS: u64 = 3;
+
+/// A row of the trainer's `learning_curves.csv`.
+#[derive(Clone, Debug, Deserialize)]
+pub(super) struct LearningRow {
+    pub(super) scenario: String,
+    pub(super) algorithm: String,
+    pub(super) learning_rate: f64,
+    pub(super) seed: u64,
+    pub(super) episode: u32,
+    pub(super) episodic_return: f64,
+}
+
+/// A row of `convergence.csv`: the mean over seeds, of episodes up to `episode`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct CurveRow {
+    learning_rate: f64,
+    episode: u32,
+    runs: usize,
+    episodic_return: f64,
+    /// Half the width of the 95 % interval.
+    interval_95: Option<f64>,
+}
+
+/// The trainings that the figure needs.
+pub(super) fn trainings() -> Vec<Training> {
+    let cell = Cell::table_one(Topology::Separated);
+    let of_rate = |rate: &'static str| {
+        (1..=SEEDS).map(move |seed| Training {
+            learning_rate: (rate != TABLE_ONE).then_some(rate),
+            ..Training::new(cell, Learner::SacTableOne, seed)
+        })
+    };
+    LEARNING_RATES.into_iter().flat_map(of_rate).collect()
+}
+
+/// Whether rows of a training are among them.
+pub(super) fn is_among(training: &Training, rows: &[LearningRow]) -> bool {
+    let rate = rate_of(training.learning_rate.unwrap_or(TABLE_ONE));
+    rows.iter()
+        .any(|row| row.is_of(rate) && row.seed == training.seed)
+}
+
+impl LearningRow {
+    fn is_of(&self, rate: f64) -> bool {
+        // The trainer's rates are in single precision.
+        (self.learning_rate / rate - 1.0).abs() < 1e-6
+            && self.algorithm == "sac"
+            && self.scenario == Topology::Separated.name()
+    }
+}
+
+fn rate_of(text: &str) -> f64 {
+    text.parse().unwrap_or(f64::NAN)
+}
+
+/// Means over the seeds.
+pub(super) fn measure(laboratory: &mut Laboratory<'_>) -> Result<Vec<CurveRow>, String> {
+    let rows = laboratory.learning_curves(&trainings())?;
+    let mut curves = Vec::new();
+    for rate in LEARNING_RATES.map(rate_of) {
+        let of_rate: Vec<&LearningRow> = rows.iter().filter(|row| row.is_of(rate)).collect();
+        let mut episodes: Vec<u32> = of_rate.iter().map(|row| row.episode).collect();
+        episodes.sort_unstable();
+        episodes.dedup();
+        for episode in episodes {
+            let at = of_rate.iter().filter(|row| row.episode == episode);
+            let returns: Vec<f64> = at.map(|row| row.episodic_return).collect();
+            curves.push(CurveRow {
+                learning_rate: rate,
+                episode,
+                runs: returns.len(),
+                episodic_return: rounded(statistics::mean(&returns)),
+                interval_95: statistics::half_width_95(&returns).map(rounded),
+            });
+        }
+    }
+    Ok(curves)
+}
+
+fn of_rate(rows: &[CurveRow], rate: f64) -> Vec<&CurveRow> {
+    rows.iter()
+        .filter(|row| row.learning_rate == rate)
+        .collect()
+}
+
+/// Mean and band over the episodes.
+pub(super) fn figure(rows: &[CurveRow]) -> Figure {
+    let y = Axis::around(
+        "return of an episode, bit/s/Hz",
+        rows.iter().map(|row| row.episodic_return),
+        0,
+    );
+    let series = LEARNING_RATES.iter().zip(LOOKS).map(|(text, look)| {
+        let curve = of_rate(rows, rate_of(text));
+        let points = curve
+            .iter()
+            .map(|row| (f64::from(row.episode), row.episodic_return));
+        let within = |value: f64| value.clamp(y.from, y.to);
+        let band = curve.iter().map(|row| {
+            let (mean, half) = (row.episodic_return, row.interval_95.unwrap_or(0.0));
+            (within(mean - half), within(mean + half))
+        });
+        let name = match *text == TABLE_ONE {
+            true => format!("{text} (Table I)"),
+            false => (*text).to_owned(),
+        };
+        Series {
+            band: band.collect(),
+            mark_every: 10,
+            ..Series::new(name, look, points.collect())
+        }
+    });
+    let runs = rows.iter().map(|row| row.runs).max().unwrap_or(0);
+    Figure {
+        panels: vec![Panel {
+            title: format!("SAC, separated topology: mean and 95 % interval of {runs} seeds"),
+            x: Axis {
+                label: "episode".into(),
+                from: 0.0,
+                to: rows
+                    .iter()
+                    .map(|row| f64::from(row.episode))
+                    .fold(0.0, f64::max),
+                ticks: 9,
+                digits: 0,
+            },
+            series: series.collect(),
+            legend: SeriesLabelPosition::LowerRight,
+            y,
+        }],
+        columns: 1,
+        size: (760, 460),
+    }
+}
+
+/// What a learning rate came to.
+struct Course {
+    rate: f64,
+    /// Mean return over the last tenth of all episodes.
+    end: f64,
+    /// First episode from which on the mean stays within 2 % of the best rate's end.
+    settled: Option<u32>,
+    /// Standard deviation of the curve over its last half, around its own mean.
+    unrest: f64,
+    /// Whether all its seeds got to the last episode.
+    complete: bool,
+}
+
+fn courses(rows: &[CurveRow]) -> Vec<Course> {
+    let last = rows.iter().map(|row| row.episode).max().unwrap_or(0);
+    let mean_from = |curve: &[&CurveRow], share: f64| -> Vec<f64> {
+        let from = share * f64::from(last);
+        let late = curve.iter().filter(|row| f64::from(row.episode) > from);
+        late.map(|row| row.episodic_return).collect()
+    };
+    let curves = LEARNING_RATES.map(|text| (rate_of(text), of_rate(rows, rate_of(text))));
+    let ends = curves
+        .iter()
+        .map(|(_, curve)| statistics::mean(&mean_from(curve, 0.9)));
+    let best = ends.fold(f64::NEG_INFINITY, f64::max);
+    curves
+        .iter()
+        .map(|(rate, curve)| {
+            let near = |row: &&&CurveRow| row.episodic_return >= 0.98 * best;
+            let settled = curve.iter().rev().take_while(near).last();
+            Course {
+                rate: *rate,
+                end: statistics::mean(&mean_from(curve, 0.9)),
+                settled: settled.map(|row| row.episode),
+                unrest: statistics::deviation(&mean_from(curve, 0.5)).unwrap_or(f64::NAN),
+                complete: curve.last().map(|row| (row.episode, row.runs))
+                    == curve.first().map(|row| (last, row.runs)),
+            }
+        })
+        .collect()
+}
+
+/// Convergence, and that rates too small are slow and rates too large unsteady.
+pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
+    let courses = courses(rows);
+    let describe = |what: &dyn Fn(&Course) -> String| -> String {
+        let each = courses
+            .iter()
+            .map(|course| format!("{:e}: {}", course.rate, what(course)));
+        each.collect::<Vec<_>>().join("; ")
+    };
+    let settled = |course: &Course| match course.settled {
+        Some(episode) => format!("from episode {episode}"),
+        None => "never".into(),
+    };
+    let at = |text: &str| courses.iter().find(|course| course.rate == rate_of(text));
+    let (slowest, table_one, fastest) =
+        (at(LEARNING_RATES[0]), at(TABLE_ONE), at(LEARNING_RATES[3]));
+    let patience =
+        |course: Option<&Course>| course.and_then(|course| course.settled).unwrap_or(u32::MAX);
+    let mut converged = Tally::default();
+    converged.add(table_one.is_some_and(|course| course.complete && course.settled.is_some()));
+    let slow = patience(slowest) > patience(table_one);
+    let rough = match (fastest, table_one) {
+        (Some(fast), Some(table)) => !fast.complete || fast.unrest > table.unrest,
+        _ => false,
+    };
+    let worse = match (fastest, table_one) {
+        (Some(fast), Some(table)) => !fast.complete || fast.end < table.end,
+        _ => false,
+    };
+    vec![
+        Claim::new(
+            "Training converges at Table I's learning rate.",
+            converged.verdict(),
+            format!(
+                "Within 2 % of the best rate's last tenth and staying there: {}.",
+                describe(&settled)
+            ),
+            "",
+        ),
+        Claim::new(
+            "A learning rate that is too small converges slowly.",
+            Verdict::of(usize::from(slow), 1),
+            format!(
+                "Mean return of the last tenth: {}.",
+                describe(&|course| match course.complete {
+                    true => format!("{:.2}", course.end),
+                    false => "broken off".into(),
+                })
+            ),
+            "",
+        ),
+        Claim::new(
+            "A learning rate that is too large fluctuates and may miss the optimum or diverge.",
+            Verdict::of(usize::from(rough) + usize::from(worse), 2),
+            format!(
+                "Standard deviation of the curve over its second half: {}.",
+                describe(&|course| match course.complete {
+                    true => format!("{:.2}", course.unrest),
+                    false => "broken off: a loss beyond its limit".into(),
+                })
+            ),
+            "",
+        ),
+    ]
+}

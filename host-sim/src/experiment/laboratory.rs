@@ -1,0 +1,401 @@
+//! Where policies, bounds and flights come from: shipped, trained before, or made now.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Watcher,
+    cell::{Cell, Learner, MSE_THRESHOLD, Topology, Training},
+    convergence::{LearningRow, is_among},
+    table,
+};
+use crate::{
+    allocation::Allocation,
+    bound,
+    flight::{self, FlightSettings, Pace, Peer},
+    policy::{HostPolicy, PolicyChoice},
+    record::FlightRecord,
+    scenario::Scenario,
+    vehicle::{Profile, Vehicle},
+};
+
+/// What an experiment works with.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Where results go; trainings and new bounds, too.
+    pub out: PathBuf,
+    /// The shipped policies, bounds and learning curves.
+    pub models: PathBuf,
+    /// The trainer that makes what is missing; `None`: what is missing is an error.
+    pub trainer: Option<PathBuf>,
+    /// Seeds 1 to this, of each training that several seeds are flown of: those that are there,
+    /// or all of them with a trainer.
+    pub seeds: u64,
+    /// Certify every bound anew.
+    pub fresh: bool,
+}
+
+/// The certificate of a cell: a row of `bounds.csv`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BoundRow {
+    /// Of the mission.
+    pub topology: Topology,
+    /// `T`, seconds.
+    pub mission_time_s: u32,
+    /// `sigma^2`, dBm.
+    pub noise_dbm: f64,
+    /// `Gamma`.
+    pub mse_threshold: f64,
+    /// Of the scenario: what the row is found by.
+    pub scenario_digest: String,
+    /// No mission has more, bit/s/Hz.
+    pub upper: f64,
+    /// The best known mission has this, bit/s/Hz.
+    pub lower: f64,
+    /// Side of the smallest cells, metres.
+    pub cell_m: f64,
+    /// Parts that the missions were divided into.
+    pub parts: usize,
+    /// What it took where the row was made, seconds by the clock.
+    pub seconds: f64,
+    /// Of all its processors together, seconds: says more where the machine is shared. By the
+    /// clock where the system does not tell.
+    pub processor_seconds: f64,
+    /// On so many threads.
+    pub threads: usize,
+}
+
+/// Makes what the figures are made of.
+#[derive(Debug)]
+pub struct Laboratory<'a> {
+    settings: Settings,
+    bounds: BTreeMap<String, BoundRow>,
+    watcher: &'a dyn Watcher,
+}
+
+/// The file of bounds, among the shipped policies and where results go.
+pub const BOUNDS: &str = "bounds.csv";
+
+impl<'a> Laboratory<'a> {
+    /// Reads the bounds that are known.
+    ///
+    /// # Errors
+    /// A file of bounds that is none, a directory that cannot be made.
+    pub fn open(settings: Settings, watcher: &'a dyn Watcher) -> Result<Self, String> {
+        fs::create_dir_all(&settings.out).map_err(|error| table::named(&settings.out, error))?;
+        let mut bounds = BTreeMap::new();
+        let places = [&settings.models, &settings.out].map(|place| place.join(BOUNDS));
+        for path in places
+            .iter()
+            .filter(|path| !settings.fresh && path.exists())
+        {
+            let rows: Vec<BoundRow> = table::read(path)?;
+            bounds.extend(
+                rows.into_iter()
+                    .map(|row| (row.scenario_digest.clone(), row)),
+            );
+        }
+        Ok(Self {
+            settings,
+            bounds,
+            watcher,
+        })
+    }
+
+    /// What it works with.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The certificate of a cell: known, or made now and written down.
+    ///
+    /// # Errors
+    /// A mission that cannot be bounded, a file that cannot be written.
+    pub fn bound(&mut self, cell: &Cell) -> Result<BoundRow, String> {
+        let scenario = cell.scenario()?;
+        let digest = scenario.digest();
+        if let Some(row) = self.bounds.get(&digest) {
+            return Ok(row.clone());
+        }
+        let settings = bound::Settings::default();
+        let before_s = processor_seconds();
+        let certificate = bound::certify(&scenario.mission, &settings, |progress| {
+            let bound::Progress { upper, lower, .. } = progress;
+            self.watcher
+                .busy(&format!("bound of {cell}: {lower:.3} to {upper:.3}"));
+        })
+        .map_err(|error| error.to_string())?;
+        let row = BoundRow {
+            topology: cell.topology,
+            mission_time_s: cell.slots,
+            noise_dbm: cell.noise_dbm,
+            mse_threshold: cell.mse_threshold,
+            scenario_digest: digest.clone(),
+            upper: certificate.upper,
+            lower: certificate.lower,
+            cell_m: certificate.cell_m,
+            parts: certificate.leaves,
+            seconds: certificate.seconds,
+            processor_seconds: match (before_s, processor_seconds()) {
+                (Some(before_s), Some(after_s)) => after_s - before_s,
+                _ => certificate.seconds,
+            },
+            threads: rayon::current_num_threads(),
+        };
+        self.bounds.insert(digest, row.clone());
+        self.save_bounds()?;
+        Ok(row)
+    }
+
+    /// Those of the figures' cells, in their order, then any other.
+    fn save_bounds(&self) -> Result<(), String> {
+        let mut left = self.bounds.clone();
+        let mut rows = Vec::new();
+        for cell in Cell::all() {
+            rows.extend(left.remove(&cell.scenario()?.digest()));
+        }
+        rows.extend(left.into_values());
+        table::write(&self.settings.out.join(BOUNDS), &rows)
+    }
+
+    /// The file of a trained policy, if it is there: trained before, or shipped.
+    pub fn find(&self, training: &Training) -> Option<PathBuf> {
+        let name = format!("{training}.onnx");
+        let Settings { out, models, .. } = &self.settings;
+        let places = [out.join(POLICIES), models.join(CELLS)];
+        places
+            .into_iter()
+            .map(|place| place.join(&name))
+            .find(|path| path.is_file())
+    }
+
+    /// Sees to it that every training is done, and says where each policy lies.
+    ///
+    /// # Errors
+    /// A policy that is missing where there is no trainer, a training that fails.
+    pub fn policies(&self, trainings: &[Training]) -> Result<Vec<PathBuf>, String> {
+        let missing: Vec<&Training> = trainings
+            .iter()
+            .filter(|training| self.find(training).is_none())
+            .collect();
+        if let (Some(first), None) = (missing.first(), &self.settings.trainer) {
+            return Err(format!(
+                "{} policies are missing, {first}.onnx first, neither in {} nor in {}: --train \
+                 trains them",
+                missing.len(),
+                self.settings.models.join(CELLS).display(),
+                self.settings.out.join(POLICIES).display(),
+            ));
+        }
+        self.train(&missing)?;
+        let place = |training: &Training| {
+            let found = self.find(training);
+            found.ok_or_else(|| format!("the trainer left no policy {training}.onnx"))
+        };
+        trainings.iter().map(place).collect()
+    }
+
+    /// The seeds of a training whose policies are to be flown: with a trainer all that were asked
+    /// for, without one those that are there, and the first in any case.
+    pub fn seeds(&self, cell: Cell, learner: Learner) -> Vec<Training> {
+        let all = (1..=self.settings.seeds).map(|seed| Training::new(cell, learner, seed));
+        all.filter(|training| {
+            training.seed == 1 || self.settings.trainer.is_some() || self.find(training).is_some()
+        })
+        .collect()
+    }
+
+    /// Trains, as many at a time as there are processors. A training that was stopped goes on.
+    ///
+    /// # Errors
+    /// The first that fails.
+    pub fn train(&self, trainings: &[&Training]) -> Result<(), String> {
+        let Some(trainer) = &self.settings.trainer else {
+            return Ok(());
+        };
+        trainings.par_iter().try_for_each(|training| {
+            self.watcher.busy(&format!("training {training}"));
+            self.train_one(trainer, training)
+        })
+    }
+
+    fn train_one(&self, trainer: &Path, training: &Training) -> Result<(), String> {
+        let run = self.run_directory(training);
+        let scenario = match training.scenario_stem() {
+            None => training.cell.topology.name().to_owned(),
+            Some(stem) => {
+                // The threshold is left to the argument, so cells share the file.
+                let cell = training.cell.at_threshold(MSE_THRESHOLD);
+                let path = self.settings.out.join(format!("{stem}.toml"));
+                table::write_text(&path, &cell.scenario()?.to_toml())?;
+                path.display().to_string()
+            }
+        };
+        let mut arguments = training.arguments(&scenario);
+        if run.join("checkpoint.bin").exists() {
+            // What a run started with stands in its checkpoint.
+            let settled = ["--preset", "--learning-rate"];
+            while let Some(at) = arguments.iter().position(|a| settled.contains(&a.as_str())) {
+                arguments.drain(at..at + 2);
+            }
+            arguments.push("--resume".into());
+        }
+        let output = Command::new(trainer)
+            .args(&arguments)
+            .arg("--out")
+            .arg(&run)
+            .arg("--quiet")
+            .stdin(Stdio::null())
+            .output()
+            .map_err(|error| table::named(trainer, error))?;
+        if !output.status.success() {
+            let complaint = String::from_utf8_lossy(&output.stderr);
+            return Err(format!("training {training}: {}", complaint.trim_end()));
+        }
+        let policies = self.settings.out.join(POLICIES);
+        fs::create_dir_all(&policies).map_err(|error| table::named(&policies, error))?;
+        let made = run.join("policy.onnx");
+        let bytes = fs::read(&made).map_err(|error| table::named(&made, error))?;
+        // Only a finished training has its policy here: it is written whole, and last.
+        table::write_bytes(&policies.join(format!("{training}.onnx")), &bytes)
+    }
+
+    /// Learning curves of the trainings: shipped, or of the runs that are made now.
+    ///
+    /// # Errors
+    /// Curves that are missing where there is no trainer, a training that fails.
+    pub(super) fn learning_curves(
+        &self,
+        trainings: &[Training],
+    ) -> Result<Vec<LearningRow>, String> {
+        let Settings { out, models, .. } = &self.settings;
+        let made = out.join(LEARNING_CURVES);
+        let mut rows = Vec::new();
+        for path in [models.join(LEARNING_CURVES), made.clone()] {
+            if path.exists() {
+                rows.extend(table::read(&path)?);
+            }
+        }
+        let missing: Vec<&Training> = trainings
+            .iter()
+            .filter(|training| !is_among(training, &rows))
+            .collect();
+        let Some(first) = missing.first() else {
+            return Ok(rows);
+        };
+        let Some(trainer) = &self.settings.trainer else {
+            if missing.iter().all(|training| training.seed > 1) {
+                return Ok(rows);
+            }
+            return Err(format!(
+                "{} learning curves are missing, that of {first} first, in {}: --train trains them",
+                missing.len(),
+                models.join(LEARNING_CURVES).display()
+            ));
+        };
+        // A rate that is too large may break a run off: that is its curve.
+        missing.par_iter().try_for_each(|training| {
+            let run = self.run_directory(training);
+            let broken_off = || run.join(BROKEN_OFF).exists();
+            match broken_off() {
+                true => Ok(()),
+                false => self
+                    .train_one(trainer, training)
+                    .or_else(|problem| broken_off().then_some(()).ok_or(problem)),
+            }
+        })?;
+        let output = Command::new(trainer)
+            .arg("curves")
+            .args(missing.iter().map(|training| self.run_directory(training)))
+            .arg("--out")
+            .arg(&made)
+            .output()
+            .map_err(|error| table::named(trainer, error))?;
+        if !output.status.success() {
+            let complaint = String::from_utf8_lossy(&output.stderr);
+            return Err(format!("learning curves: {}", complaint.trim_end()));
+        }
+        rows.extend(table::read(&made)?);
+        Ok(rows)
+    }
+
+    /// Where a training's run lies.
+    pub fn run_directory(&self, training: &Training) -> PathBuf {
+        self.settings.out.join(RUNS).join(training.to_string())
+    }
+
+    /// Flies a cell through the whole loop: controller, ground link, MAVLink, the ideal vehicle.
+    ///
+    /// # Errors
+    /// A policy that does not load or fit, a flight that was broken off: in one line.
+    pub fn fly(
+        &self,
+        cell: &Cell,
+        policy: &PolicyChoice,
+        inner: Allocation,
+    ) -> Result<FlightRecord, String> {
+        self.watcher.busy(&format!("flying {cell}: {policy}"));
+        fly(&cell.scenario()?, policy, inner)
+            .map_err(|problem| format!("{cell} under {policy}: {problem}"))
+    }
+}
+
+/// What this process has used of all processors.
+#[cfg(unix)]
+fn processor_seconds() -> Option<f64> {
+    let used = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(used.tv_sec as f64 + 1e-9 * used.tv_nsec as f64)
+}
+
+#[cfg(not(unix))]
+fn processor_seconds() -> Option<f64> {
+    None
+}
+
+/// Flies a scenario on the ideal vehicle of this process.
+///
+/// # Errors
+/// A policy that does not load or fit, a flight that was broken off: in one line.
+pub fn fly(
+    scenario: &Scenario,
+    policy: &PolicyChoice,
+    inner: Allocation,
+) -> Result<FlightRecord, String> {
+    let (policy, name) = HostPolicy::load(policy, scenario)?;
+    let settings = FlightSettings {
+        policy: name,
+        inner,
+        profile: Profile::Ideal,
+        pace: Pace::Max,
+        seed: 1,
+        // Rates are analytic; signals are drawn by `host-sim run`.
+        symbols_per_slot: 1,
+    };
+    let vehicle = Vehicle::new(flight::vehicle_settings(scenario, Profile::Ideal));
+    let flown = flight::fly(
+        scenario,
+        policy,
+        &settings,
+        Peer::built_in(vehicle),
+        &mut (),
+    );
+    flown.map_err(|failed| failed.error.to_string())
+}
+
+/// What a run leaves whose loss exploded.
+const BROKEN_OFF: &str = "diverged.json";
+/// Learning curves, among the shipped policies and where results go.
+const LEARNING_CURVES: &str = "learning_curves.csv";
+/// Shipped policies, in the directory of models.
+const CELLS: &str = "cells";
+/// Policies that `--train` made, where results go.
+const POLICIES: &str = "policies";
+/// The runs that they came from.
+const RUNS: &str = "runs";

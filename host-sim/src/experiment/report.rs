@@ -1,0 +1,395 @@
+//! What is written of all figures together: `index.html`, `docs/results.md`, the table of
+//! `docs/bound.md`, the cards of shipped policies. Everything comes from the CSV files and from
+//! the policies themselves.
+
+use std::{
+    fmt::{Display, Write as _},
+    fs,
+    path::{Component, Path, PathBuf},
+};
+
+use super::{
+    Experiment, Laboratory,
+    cell::{Cell, Learner, Training},
+    claims::{Claim, Verdict},
+    laboratory::BoundRow,
+    table,
+    totals::{Approach, TotalRow},
+};
+use crate::{
+    allocation::Allocation,
+    policy::{HostPolicy, PolicyChoice},
+};
+
+/// Draws a figure beside its CSV file, as `NAME.svg`.
+///
+/// # Errors
+/// A CSV file that is missing, a directory that cannot be written.
+pub fn write_drawing(experiment: Experiment, directory: &Path) -> Result<(), String> {
+    let svg = experiment.draw(directory)?;
+    table::write_text(&directory.join(format!("{}.svg", experiment.name())), &svg)
+}
+
+/// `index.html` of all figures: self-contained, each with what the paper claims and the verdict.
+///
+/// # Errors
+/// A CSV file that is missing, a directory that cannot be written.
+pub fn write_index(directory: &Path) -> Result<(), String> {
+    let mut page = String::from(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>\
+         <meta name=\"viewport\" content=\"width=device-width\"/>\
+         <title>The paper's figures, measured</title><style>\n\
+         body{max-width:68rem;margin:2rem auto;padding:0 1rem;font:16px/1.5 sans-serif}\n\
+         svg{max-width:100%;height:auto;border:1px solid #ddd}\n\
+         h2{margin-top:3rem}dt{margin-top:.8rem}dd{margin-left:1.5rem}\n\
+         b{display:inline-block;min-width:4.5rem}\n\
+         </style></head><body>\n<h1>The paper's figures, measured</h1>\n\
+         <p>Under each drawing: what the paper claims of it, whether these numbers show it, and \
+         the numbers. Drawn and judged from the CSV files beside this page.</p>\n",
+    );
+    for experiment in Experiment::ALL {
+        let _ = writeln!(page, "<h2>{}</h2>", escaped(experiment.title()));
+        page += &inline(&experiment.draw(directory)?, experiment.name());
+        page += "<dl>\n";
+        for claim in experiment.claims(directory)? {
+            let Claim {
+                claimed,
+                verdict,
+                measured,
+                reason,
+            } = claim;
+            let _ = writeln!(
+                page,
+                "<dt><b>{verdict}</b> {}</dt><dd>{} {}</dd>",
+                escaped(claimed),
+                escaped(&measured),
+                escaped(reason)
+            );
+        }
+        page += "</dl>\n";
+    }
+    page += "</body></html>\n";
+    table::write_text(&directory.join("index.html"), &page)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+/// A drawing that shrinks with the page; its size becomes its view.
+fn inline(svg: &str, name: &str) -> String {
+    let start = svg.find("<svg").unwrap_or(0);
+    let label = format!("<svg role=\"img\" aria-label=\"{name}\"");
+    svg[start..].replacen("<svg", &label, 1) + "\n"
+}
+
+/// `docs/results.md` from the CSV files in `directory`.
+///
+/// # Errors
+/// A CSV file that is missing, a file that cannot be written.
+pub fn write_results(directory: &Path, path: &Path) -> Result<(), String> {
+    let figures = relative(path.parent().unwrap_or(Path::new("")), directory);
+    table::write_text(path, &results(directory, &figures)?)
+}
+
+fn results(directory: &Path, figures: &str) -> Result<String, String> {
+    let mut claims = Vec::new();
+    for experiment in Experiment::ALL {
+        claims.push((experiment, experiment.claims(directory)?));
+    }
+    let count = |verdict: Verdict| {
+        let all = claims.iter().flat_map(|(_, claims)| claims);
+        all.filter(|claim| claim.verdict == verdict).count()
+    };
+    let mut text = format!(
+        "# Results\n\n\
+         The paper's figures (Sec. VI), measured: `host-sim experiment all --out docs/figures \
+         --results docs/results.md` flies\nthe shipped policies and writes this page, the \
+         drawings and their CSV files. Nothing here is typed by hand.\nThe paper prints no \
+         values, no layouts and no seeds, so its claims are compared, not its numbers: \
+         {} agree,\n{} agree in part, {} differ.\n\n\
+         SAC is the trainer's preset `tuned`; \"SAC, Table I\" and DDPG have the paper's \
+         settings. Where several seeds were\nflown, the mean is given with its 95 % interval \
+         (Student's t). Rates are totals over the mission in bit/s/Hz.\n",
+        count(Verdict::Agrees),
+        count(Verdict::InPart),
+        count(Verdict::Differs)
+    );
+    text += &optimality(&table::read(&Experiment::Approaches.csv(directory))?);
+    for (experiment, claims) in claims {
+        let name = experiment.name();
+        let _ = write!(
+            text,
+            "\n## {}\n\n![{name}]({figures}{name}.svg)\n\n\
+             | the paper claims | verdict | measured |\n|---|---|---|\n",
+            experiment.title()
+        );
+        for claim in claims {
+            let mut measured = claim.measured;
+            if !claim.reason.is_empty() {
+                let _ = write!(measured, " {}", claim.reason);
+            }
+            let _ = writeln!(
+                text,
+                "| {} | {} | {measured} |",
+                claim.claimed, claim.verdict
+            );
+        }
+        if matches!(
+            experiment,
+            Experiment::Noise | Experiment::Strategies | Experiment::MissionTime
+        ) {
+            text += &totals(&table::read(&experiment.csv(directory))?);
+        }
+    }
+    Ok(text)
+}
+
+const COMPARED: [Approach; 5] = [
+    Approach::Search,
+    Approach::Sac,
+    Approach::SacTableOne,
+    Approach::Ddpg,
+    Approach::StraightLine,
+];
+
+/// Every approach as a fraction of the certified bound.
+fn optimality(rows: &[TotalRow]) -> String {
+    let mut text = String::from(
+        "\n## Optimality\n\nTotal rates, and in brackets the fraction of the certified bound \
+         (`docs/bound.md`): no mission has more than the bound.\n\n| topology | dBm | Gamma | bound |",
+    );
+    for approach in COMPARED {
+        let _ = write!(text, " {} |", approach.title());
+    }
+    text += "\n|---|---|---|---|---|---|---|---|---|\n";
+    for bound in rows.iter().filter(|row| row.approach == Approach::Bound) {
+        let _ = write!(
+            text,
+            "| {} | {} | {:.3} | {:.2} |",
+            bound.topology.name(),
+            bound.noise_dbm,
+            bound.mse_threshold,
+            bound.sum_rate
+        );
+        for approach in COMPARED {
+            let row = rows.iter().find(|row| {
+                row.approach == approach
+                    && row.topology == bound.topology
+                    && row.noise_dbm == bound.noise_dbm
+                    && row.mse_threshold == bound.mse_threshold
+            });
+            text += &match row {
+                None => " |".to_owned(),
+                Some(row) => {
+                    let share = 100.0 * row.sum_rate / bound.sum_rate;
+                    format!(" {} ({share:.1} %) |", rate(row))
+                }
+            };
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn rate(row: &TotalRow) -> String {
+    match row.interval_95 {
+        Some(half) => format!("{:.2} ± {half:.2} of {}", row.sum_rate, row.runs),
+        None => format!("{:.2}", row.sum_rate),
+    }
+}
+
+/// Totals of a figure: a line per mission, a column per approach.
+fn totals(rows: &[TotalRow]) -> String {
+    let mut approaches: Vec<Approach> = Vec::new();
+    for row in rows {
+        if !approaches.contains(&row.approach) {
+            approaches.push(row.approach);
+        }
+    }
+    let mut text = String::from("\n| topology | s | dBm | Gamma |");
+    for approach in &approaches {
+        let _ = write!(text, " {} |", approach.title());
+    }
+    let _ = writeln!(
+        text,
+        "\n|---|---|---|---|{}",
+        "---|".repeat(approaches.len())
+    );
+    for chunk in rows.chunks(approaches.len()) {
+        let first = &chunk[0];
+        let _ = write!(
+            text,
+            "| {} | {} | {} | {:.3} |",
+            first.topology.name(),
+            first.mission_time_s,
+            first.noise_dbm,
+            first.mse_threshold
+        );
+        for row in chunk {
+            let missed = match row.missed_slots {
+                0.0 => String::new(),
+                slots => format!(", {slots:.0} missed"),
+            };
+            let _ = write!(text, " {}{missed} |", rate(row));
+        }
+        text.push('\n');
+    }
+    if rows.iter().any(|row| row.missed_slots > 0.0) {
+        text += "\n\"missed\": slots in which Gamma could not be met; they carry nothing.\n";
+    }
+    text
+}
+
+/// From one directory to another, with a slash at the end; empty for the same.
+fn relative(from: &Path, to: &Path) -> String {
+    let parts = |path: &Path| -> Vec<String> {
+        let named = path.components().filter(|part| *part != Component::CurDir);
+        named
+            .map(|part| part.as_os_str().to_string_lossy().into_owned())
+            .collect()
+    };
+    let (from, to) = (parts(from), parts(to));
+    let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n("..", from.len() - common);
+    let down = to[common..].iter().map(String::as_str);
+    up.chain(down).map(|part| format!("{part}/")).collect()
+}
+
+/// Puts the table of bounds between the marks of a page.
+///
+/// # Errors
+/// A page that cannot be read, has no such marks, or cannot be written.
+pub fn write_bounds(rows: &[BoundRow], path: &Path) -> Result<(), String> {
+    let mut body = String::from(
+        "| scenario | T, s | noise, dBm | Gamma | upper | lower | gap | seconds | processor s |\n\
+         |---|---|---|---|---|---|---|---|---|\n",
+    );
+    for row in rows {
+        let _ = writeln!(
+            body,
+            "| {} | {} | {} | {:.3} | {:.4} | {:.4} | {:.3} % | {:.1} | {:.1} |",
+            row.topology.name(),
+            row.mission_time_s,
+            row.noise_dbm,
+            row.mse_threshold,
+            row.upper,
+            row.lower,
+            100.0 * (row.upper - row.lower) / row.upper,
+            row.seconds,
+            row.processor_seconds
+        );
+    }
+    let page = fs::read_to_string(path).map_err(|error| table::named(path, error))?;
+    let page = between(&page, "bounds", &body).map_err(|problem| table::named(path, problem))?;
+    table::write_text(path, &page)
+}
+
+/// The page with another text between `<!-- NAME ... -->` and `<!-- /NAME -->`.
+fn between(page: &str, name: &str, body: &str) -> Result<String, String> {
+    let missing = |mark: &str| format!("has no mark {mark}");
+    let (start, end) = (format!("<!-- {name}"), format!("<!-- /{name} -->"));
+    let opened = page.find(&start).ok_or_else(|| missing(&start))?;
+    let from = page[opened..].find("-->\n").ok_or_else(|| missing("-->"))? + opened + 4;
+    let to = page[from..].find(&end).ok_or_else(|| missing(&end))? + from;
+    Ok(format!("{}\n{body}\n{}", &page[..from], &page[to..]))
+}
+
+/// The card of all policies of the figures' cells that are there: how each was made, and what it
+/// comes to when it is flown.
+///
+/// # Errors
+/// A policy that does not load, fit or fly, a file that cannot be written.
+pub fn write_cards(laboratory: &mut Laboratory<'_>, path: &Path) -> Result<(), String> {
+    let mut text = String::from(
+        "# Policies of the figures\n\n\
+         Written by `host-sim experiment cards`, which flies every policy here on its mission \
+         (controller, links, ideal vehicle).\nA file's name says how it was made: topology, \
+         mission time in seconds, noise in minus dBm, Gamma, algorithm, preset,\nseed; so \
+         `separated-t60-n95-g0.010-sac-tuned-s1.onnx` is `policy.onnx` of\n\n    \
+         trainer train --scenario separated --mse-threshold 0.01 --algorithm sac --preset tuned \
+         --seed 1\n\nand `host-sim experiment --train` makes any of them with these arguments. \
+         For other times and noise powers the scenario\nis the shipped one with `slots` and \
+         `noise_dbm` changed. 4,000 episodes each; the best of the evaluations every 20\nepisodes \
+         is kept, after the episode in the table. Input, outputs and metadata: \
+         docs/training.md. Every policy is for its own\nmission alone: another threshold or \
+         noise power is another optimum.\n\n\
+         | policy | scenario digest | kept after | total rate | of the bound | straight line | \
+         arrived, fair | slots over Gamma | shield acted |\n|---|---|---|---|---|---|---|---|---|\n",
+    );
+    let seeds = laboratory.settings().seeds;
+    for cell in Cell::all() {
+        for learner in [Learner::Sac, Learner::SacTableOne, Learner::Ddpg] {
+            for seed in 1..=seeds {
+                let training = Training::new(cell, learner, seed);
+                if let Some(file) = laboratory.find(&training) {
+                    let row = card(laboratory, &training, file)?;
+                    let _ = writeln!(text, "{row}");
+                }
+            }
+        }
+    }
+    table::write_text(path, &text)
+}
+
+fn card(
+    laboratory: &mut Laboratory<'_>,
+    training: &Training,
+    file: PathBuf,
+) -> Result<impl Display + use<>, String> {
+    let cell = &training.cell;
+    let choice = PolicyChoice::File(file);
+    let (policy, _) = HostPolicy::load(&choice, &cell.scenario()?)?;
+    let provenance = policy.provenance();
+    let kept = provenance.map_or(0, |provenance| provenance.episodes);
+    let flown = laboratory.fly(cell, &choice, Allocation::Exact)?.summary();
+    let digest = provenance.map_or("", |provenance| &provenance.scenario_digest);
+    if digest != flown.scenario_digest {
+        return Err(format!(
+            "{training}.onnx was trained on another mission than its name says"
+        ));
+    }
+    let line = laboratory.fly(cell, &PolicyChoice::StraightLine, Allocation::Exact)?;
+    let bound = laboratory.bound(cell)?;
+    let yes = |is: bool| if is { "yes" } else { "no" };
+    Ok(format!(
+        "| {training} | `{}` | {kept} | {:.3} | {:.1} % | {:.3} | {}, {} | {} | {} |",
+        &digest[..12.min(digest.len())],
+        flown.sum_rate,
+        100.0 * flown.sum_rate / bound.upper,
+        line.summary().sum_rate,
+        yes(flown.arrived),
+        yes(flown.fair),
+        flown.mse_violations,
+        flown.shield_interventions,
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_put_between_its_marks_and_nowhere_else() {
+        let page = "a\n<!-- bounds: by a command -->\nold\n<!-- /bounds -->\nb\n";
+        let changed = between(page, "bounds", "new\n").expect("marked");
+        let expected = "a\n<!-- bounds: by a command -->\n\nnew\n\n<!-- /bounds -->\nb\n";
+        assert_eq!(changed, expected);
+        assert_eq!(
+            between(&changed, "bounds", "new\n").as_deref(),
+            Ok(expected)
+        );
+        assert!(between("a", "bounds", "new").is_err());
+    }
+
+    #[test]
+    fn drawings_are_linked_from_where_the_page_lies() {
+        let link = |from: &str, to: &str| relative(Path::new(from), Path::new(to));
+        assert_eq!(link("docs", "docs/figures"), "figures/");
+        assert_eq!(link("docs", "./docs/figures"), "figures/");
+        assert_eq!(link("a/b", "a/c"), "../c/");
+        assert_eq!(link("", ""), "");
+    }
+}

@@ -1,0 +1,529 @@
+//! Figures of single flights: where they go, whom they serve when, what each user has sent.
+//! Every flight is that of seed 1.
+
+use firmware_core::Position;
+use plotters::chart::SeriesLabelPosition;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Experiment,
+    cell::{Cell, Learner, MSE_THRESHOLDS, Topology, Training},
+    claims::{Claim, Tally, Verdict, range},
+    figure::{Axis, Figure, LOOKS, Line, Look, Marker, Panel, Series, look},
+    laboratory::Laboratory,
+    rounded, statistics,
+    totals::Approach,
+};
+use crate::{
+    allocation::Allocation, policy::PolicyChoice, record::FlightRecord, scenario::HostMission,
+};
+
+/// A slot of a flight.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SlotRow {
+    /// Of the mission.
+    pub topology: Topology,
+    /// `Gamma`.
+    pub mse_threshold: f64,
+    /// Who decided.
+    pub approach: Approach,
+    /// From 1.
+    pub slot: u32,
+    /// Where the vehicle was at the slot's end, metres.
+    pub east_m: f64,
+    /// Where the vehicle was at the slot's end, metres.
+    pub north_m: f64,
+    /// Who was served, from 1 as in the paper.
+    pub user: usize,
+    /// bit/s/Hz.
+    pub rate: f64,
+    /// How many users had not had their quota yet, this one included.
+    pub open_users: usize,
+    /// How many of them were nearer.
+    pub nearer_users: usize,
+}
+
+/// What a user has sent in a flight.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct DataRow {
+    /// Of the mission.
+    pub topology: Topology,
+    /// `Gamma`.
+    pub mse_threshold: f64,
+    /// From 1.
+    pub user: usize,
+    /// In which it was served.
+    pub slots: u32,
+    /// bit/Hz: rates times slot duration.
+    pub data: f64,
+}
+
+/// The flights of a figure.
+fn flights(experiment: Experiment) -> Vec<(Cell, Approach)> {
+    let over = |topology: Topology, thresholds: &[f64], approach: Approach| -> Vec<_> {
+        let cell = Cell::table_one(topology);
+        let cells = thresholds
+            .iter()
+            .map(|&threshold| cell.at_threshold(threshold));
+        cells.map(|cell| (cell, approach)).collect()
+    };
+    let ends = [MSE_THRESHOLDS[0], MSE_THRESHOLDS[3]];
+    match experiment {
+        Experiment::TrajectoriesSeparated => {
+            over(Topology::Separated, &MSE_THRESHOLDS, Approach::Sac)
+        }
+        Experiment::TrajectoriesMixed => over(Topology::Mixed, &MSE_THRESHOLDS, Approach::Sac),
+        Experiment::TrajectoriesCompared => Topology::ALL
+            .into_iter()
+            .flat_map(|topology| {
+                [
+                    over(topology, &ends, Approach::Sac),
+                    over(topology, &ends, Approach::Ddpg),
+                    over(topology, &ends[..1], Approach::StraightLine),
+                ]
+                .concat()
+            })
+            .collect(),
+        Experiment::Schedule => Topology::ALL
+            .into_iter()
+            .flat_map(|topology| over(topology, &ends, Approach::Sac))
+            .collect(),
+        _ => Topology::ALL
+            .into_iter()
+            .flat_map(|topology| over(topology, &MSE_THRESHOLDS, Approach::Sac))
+            .collect(),
+    }
+}
+
+fn fly(
+    experiment: Experiment,
+    laboratory: &Laboratory<'_>,
+) -> Result<Vec<(Cell, Approach, FlightRecord)>, String> {
+    let flights = flights(experiment);
+    let training = |cell: Cell, approach: Approach| match approach {
+        Approach::Ddpg => Some(Training::new(cell, Learner::Ddpg, 1)),
+        Approach::Sac => Some(Training::new(cell, Learner::Sac, 1)),
+        _ => None,
+    };
+    let wanted = flights
+        .iter()
+        .filter_map(|&(cell, approach)| training(cell, approach));
+    let files = laboratory.policies(&wanted.collect::<Vec<_>>())?;
+    let mut files = files.into_iter();
+    let mut flown = Vec::new();
+    for (cell, approach) in flights {
+        let file = training(cell, approach).and_then(|_| files.next());
+        let policy = file.map_or(PolicyChoice::StraightLine, PolicyChoice::File);
+        let record = laboratory.fly(&cell, &policy, Allocation::Exact)?;
+        flown.push((cell, approach, record));
+    }
+    Ok(flown)
+}
+
+/// The slots of all flights of a figure.
+pub(super) fn measure(
+    experiment: Experiment,
+    laboratory: &mut Laboratory<'_>,
+) -> Result<Vec<SlotRow>, String> {
+    let mut rows = Vec::new();
+    for (cell, approach, record) in fly(experiment, laboratory)? {
+        let mission = &record.scenario.mission;
+        let users = &mission.parameters().users;
+        let mut counts = vec![0; users.len()];
+        for slot in &record.slots {
+            let distance_m = |user: usize| (users[user] - slot.flown).norm();
+            let served_m = distance_m(slot.served_user);
+            let open = (0..users.len()).filter(|&user| counts[user] < mission.quota());
+            let open: Vec<usize> = open.collect();
+            let nearer = open.iter().filter(|&&user| distance_m(user) < served_m);
+            rows.push(SlotRow {
+                topology: cell.topology,
+                mse_threshold: cell.mse_threshold,
+                approach,
+                slot: slot.slot,
+                east_m: rounded(slot.flown.x),
+                north_m: rounded(slot.flown.y),
+                user: slot.served_user + 1,
+                rate: rounded(slot.rate),
+                open_users: open.len(),
+                nearer_users: nearer.count(),
+            });
+            counts[slot.served_user] += 1;
+        }
+    }
+    Ok(rows)
+}
+
+/// What each user has sent in all flights of `data-per-user`.
+pub(super) fn measure_data(laboratory: &mut Laboratory<'_>) -> Result<Vec<DataRow>, String> {
+    let mut rows = Vec::new();
+    for (cell, _, record) in fly(Experiment::DataPerUser, laboratory)? {
+        let slot_s = record.scenario.mission.parameters().slot_duration_s;
+        let users = record.users().into_iter().enumerate();
+        rows.extend(users.map(|(user, sent)| DataRow {
+            topology: cell.topology,
+            mse_threshold: cell.mse_threshold,
+            user: user + 1,
+            slots: sent.slots,
+            data: rounded(sent.data * slot_s),
+        }));
+    }
+    Ok(rows)
+}
+
+/// Rows that belong to one flight.
+fn flight_of(rows: &[SlotRow], cell: Cell, approach: Approach) -> Vec<&SlotRow> {
+    let belongs = |row: &&SlotRow| {
+        row.topology == cell.topology
+            && row.mse_threshold == cell.mse_threshold
+            && row.approach == approach
+    };
+    rows.iter().filter(belongs).collect()
+}
+
+const USERS: Look = look(Marker::Triangle, Line::None, [90, 90, 90]);
+const SENSORS: Look = look(Marker::Dot, Line::None, [150, 150, 150]);
+const ENDS: Look = look(Marker::Diamond, Line::None, [0, 0, 0]);
+
+/// Users, sensors, start and destination.
+fn ground(mission: &HostMission) -> Vec<Series> {
+    let p = mission.parameters();
+    let place = |place: &Position<f64>| (place.x, place.y);
+    let users: Vec<_> = p.users.iter().map(place).collect();
+    let labels = (1..=users.len()).map(|user| user.to_string()).collect();
+    vec![
+        Series::new("sensors", SENSORS, p.sensors.iter().map(place).collect()),
+        Series {
+            labels,
+            ..Series::new("users", USERS, users)
+        },
+        Series {
+            labels: vec!["start".into(), "destination".into()],
+            ..Series::new("", ENDS, vec![place(&p.start), place(&p.destination)])
+        },
+    ]
+}
+
+/// Paths over the ground.
+pub(super) fn map(experiment: Experiment, rows: &[SlotRow]) -> Result<Figure, String> {
+    let mut panels = Vec::new();
+    for topology in Topology::ALL {
+        let flights: Vec<_> = flights(experiment)
+            .into_iter()
+            .filter(|(cell, _)| cell.topology == topology)
+            .collect();
+        if flights.is_empty() {
+            continue;
+        }
+        let scenario = Cell::table_one(topology).scenario()?;
+        let p = scenario.mission.parameters();
+        let axis = |label: &str, to: f64| Axis {
+            label: label.into(),
+            from: 0.0,
+            to,
+            ticks: 6,
+            digits: 0,
+        };
+        let mut series = ground(&scenario.mission);
+        for ((cell, approach), look) in flights.into_iter().zip(LOOKS) {
+            let flight = flight_of(rows, cell, approach);
+            let path = flight.iter().map(|row| (row.east_m, row.north_m));
+            let path = std::iter::once((p.start.x, p.start.y)).chain(path);
+            let name = match (experiment, approach) {
+                (_, Approach::StraightLine) => approach.title().to_owned(),
+                (Experiment::TrajectoriesCompared, _) => {
+                    format!("{}, Gamma {:.3}", approach.title(), cell.mse_threshold)
+                }
+                _ => format!("Gamma {:.3}", cell.mse_threshold),
+            };
+            series.push(Series {
+                mark_every: 4,
+                ..Series::new(name, look, path.collect())
+            });
+        }
+        panels.push(Panel {
+            title: topology.title().into(),
+            x: axis("east, m", p.area.east_m),
+            y: axis("north, m", p.area.north_m),
+            series,
+            legend: match topology {
+                Topology::Separated => SeriesLabelPosition::MiddleRight,
+                Topology::Mixed => SeriesLabelPosition::LowerRight,
+            },
+        });
+    }
+    Ok(Figure {
+        columns: panels.len(),
+        panels,
+        size: (640, 620),
+    })
+}
+
+/// Users over slots.
+pub(super) fn timeline(rows: &[SlotRow]) -> Figure {
+    let users = rows.iter().map(|row| row.user).max().unwrap_or(1) as f64;
+    let slots = rows.iter().map(|row| row.slot).max().unwrap_or(1);
+    let panel = |topology: Topology| {
+        let flights = flights(Experiment::Schedule);
+        let flights = flights
+            .into_iter()
+            .filter(|(cell, _)| cell.topology == topology);
+        let looks = [
+            look(Marker::Circle, Line::None, LOOKS[0].color),
+            look(Marker::Cross, Line::None, LOOKS[1].color),
+        ];
+        let series = flights.zip(looks).map(|((cell, approach), look)| {
+            let flight = flight_of(rows, cell, approach);
+            let points = flight
+                .iter()
+                .map(|row| (f64::from(row.slot), row.user as f64));
+            let name = format!("Gamma {:.3}", cell.mse_threshold);
+            Series::new(name, look, points.collect())
+        });
+        Panel {
+            title: format!("SAC, {}", topology.title()),
+            x: Axis {
+                label: "slot".into(),
+                from: 0.0,
+                to: f64::from(slots) + 1.0,
+                ticks: 12,
+                digits: 0,
+            },
+            y: Axis {
+                label: "served user".into(),
+                from: 0.0,
+                to: users + 4.0,
+                ticks: 16,
+                digits: 0,
+            },
+            series: series.collect(),
+            legend: SeriesLabelPosition::UpperRight,
+        }
+    };
+    Figure {
+        panels: Topology::ALL.map(panel).into(),
+        columns: 1,
+        size: (860, 400),
+    }
+}
+
+/// What users have sent, a series per threshold.
+pub(super) fn data_figure(rows: &[DataRow]) -> Figure {
+    let users = rows.iter().map(|row| row.user).max().unwrap_or(1) as f64;
+    let most = rows.iter().map(|row| row.data);
+    let y = Axis::around("data of a user, bit/Hz", most, 0).from_zero();
+    let panel = |topology: Topology| {
+        let series = MSE_THRESHOLDS.iter().zip(LOOKS).map(|(&threshold, look)| {
+            let points = data_of(rows, topology, threshold);
+            let points = points.iter().map(|row| (row.user as f64, row.data));
+            Series::new(format!("Gamma {threshold:.3}"), look, points.collect())
+        });
+        let mut series: Vec<Series> = series.collect();
+        // The loosest threshold is on top, in the drawing and so in the legend.
+        series.reverse();
+        Panel {
+            title: format!("SAC, {}", topology.title()),
+            x: Axis {
+                label: "user".into(),
+                from: 0.0,
+                to: users + 1.0,
+                ticks: 16,
+                digits: 0,
+            },
+            y: Axis {
+                to: 1.3 * y.to,
+                ..y.clone()
+            },
+            series,
+            legend: SeriesLabelPosition::UpperRight,
+        }
+    };
+    Figure {
+        panels: Topology::ALL.map(panel).into(),
+        columns: 2,
+        size: (540, 420),
+    }
+}
+
+fn data_of(rows: &[DataRow], topology: Topology, threshold: f64) -> Vec<&DataRow> {
+    let belongs = |row: &&DataRow| row.topology == topology && row.mse_threshold == threshold;
+    rows.iter().filter(belongs).collect()
+}
+
+/// Mean over the slots of the distance to the nearest `count` of `places`.
+fn mean_distance_m(flight: &[&SlotRow], places: &[Position<f64>]) -> f64 {
+    let each = flight.iter().flat_map(|row| {
+        let here = Position::new(row.east_m, row.north_m);
+        places.iter().map(move |place| (here - place).norm())
+    });
+    statistics::mean(&each.collect::<Vec<_>>())
+}
+
+/// fig:topo1 and fig:topo2.
+pub(super) fn claims_of_thresholds(
+    experiment: Experiment,
+    rows: &[SlotRow],
+) -> Result<Vec<Claim>, String> {
+    let flights = flights(experiment);
+    let Some(&(first, _)) = flights.first() else {
+        return Ok(Vec::new());
+    };
+    let scenario = first.scenario()?;
+    let p = scenario.mission.parameters();
+    let to_all = |places: &[Position<f64>]| -> Vec<f64> {
+        let each = flights
+            .iter()
+            .map(|&(cell, approach)| mean_distance_m(&flight_of(rows, cell, approach), places));
+        each.collect()
+    };
+    let (sensors_m, users_m) = (to_all(&p.sensors), to_all(&p.users));
+    let (mut away, mut towards) = <(Tally, Tally)>::default();
+    for index in 1..flights.len() {
+        away.add(sensors_m[index] > sensors_m[index - 1]);
+        towards.add(users_m[index] < users_m[index - 1]);
+    }
+    let list = |values: &[f64]| -> String {
+        let each = values.iter().map(|value| format!("{value:.0}"));
+        each.collect::<Vec<_>>().join(", ")
+    };
+    let reason = "At -95 dBm most of the area meets the threshold with the sensors' power, so the \
+                  rate is limited by the accuracy over the users as well, and SAC has little to \
+                  gain near the sensors.";
+    let mut claims = vec![Claim::new(
+        "The tighter the threshold, the nearer the path to the sensors.",
+        away.verdict(),
+        format!(
+            "Mean distance to the sensors from the tightest to the loosest threshold: {} m.",
+            list(&sensors_m)
+        ),
+        reason,
+    )];
+    claims.push(match experiment {
+        Experiment::TrajectoriesSeparated => Claim::new(
+            "The looser the threshold, the nearer the path to the users.",
+            towards.verdict(),
+            format!("Mean distance to the users: {} m.", list(&users_m)),
+            "",
+        ),
+        _ => Claim::new(
+            "With a loose threshold the path keeps a certain distance from the sensors.",
+            Verdict::of(usize::from(sensors_m.last() > sensors_m.first()), 1),
+            format!(
+                "Mean distance to the sensors at 0.025 against 0.010: {:.0} m more.",
+                sensors_m.last().unwrap_or(&f64::NAN) - sensors_m.first().unwrap_or(&f64::NAN)
+            ),
+            reason,
+        ),
+    });
+    Ok(claims)
+}
+
+/// fig:topo_ddpg.
+pub(super) fn claims_of_approaches(rows: &[SlotRow]) -> Vec<Claim> {
+    let mut similar = Tally::default();
+    let (mut to_ddpg, mut to_line) = (Vec::new(), Vec::new());
+    for topology in Topology::ALL {
+        let tight = Cell::table_one(topology).at_threshold(MSE_THRESHOLDS[0]);
+        let line = flight_of(rows, tight, Approach::StraightLine);
+        for threshold in [MSE_THRESHOLDS[0], MSE_THRESHOLDS[3]] {
+            let cell = tight.at_threshold(threshold);
+            let sac = flight_of(rows, cell, Approach::Sac);
+            let ddpg = flight_of(rows, cell, Approach::Ddpg);
+            similar.add(apart_m(&sac, &ddpg) < apart_m(&sac, &line));
+            to_ddpg.push(apart_m(&sac, &ddpg));
+            to_line.push(apart_m(&sac, &line));
+        }
+    }
+    let (ddpg, line) = (range(to_ddpg), range(to_line));
+    vec![Claim::new(
+        "DDPG's paths are similar to SAC's, unlike the straight line.",
+        similar.verdict(),
+        format!(
+            "Mean distance from a place of SAC's path to the nearest of DDPG's: {:.0} to {:.0} m; \
+             of the straight line: {:.0} to {:.0} m. DDPG's is the nearer one in {similar} cases.",
+            ddpg.0, ddpg.1, line.0, line.1
+        ),
+        "",
+    )]
+}
+
+/// Mean over one path of the distance to the other path's nearest place, metres.
+fn apart_m(path: &[&SlotRow], other: &[&SlotRow]) -> f64 {
+    let each = path.iter().map(|here| {
+        let away = other
+            .iter()
+            .map(|there| (here.east_m - there.east_m).hypot(here.north_m - there.north_m));
+        away.fold(f64::INFINITY, f64::min)
+    });
+    statistics::mean(&each.collect::<Vec<_>>())
+}
+
+/// fig:access.
+pub(super) fn claims_of_schedule(rows: &[SlotRow]) -> Vec<Claim> {
+    let (mut near, mut ranks, mut nearest) = (Tally::default(), Vec::new(), Vec::new());
+    for (cell, approach) in flights(Experiment::Schedule) {
+        let flight = flight_of(rows, cell, approach);
+        // Where one user is left there is no choice.
+        let choices: Vec<&&SlotRow> = flight.iter().filter(|row| row.open_users > 1).collect();
+        let place = |row: &&&SlotRow| row.nearer_users as f64 / (row.open_users - 1) as f64;
+        let rank = statistics::mean(&choices.iter().map(place).collect::<Vec<_>>());
+        near.add(rank < 0.25);
+        ranks.push(100.0 * rank);
+        let first = choices.iter().filter(|row| row.nearer_users == 0).count();
+        nearest.push(100.0 * first as f64 / choices.len() as f64);
+    }
+    let (ranks, nearest) = (range(ranks), range(nearest));
+    vec![Claim::new(
+        "The vehicle tends to serve users near to it first.",
+        near.verdict(),
+        format!(
+            "Of the other users that had not had their slots yet, {:.0} to {:.0} % were nearer than \
+             the one served, by flight (chance: 50 %); less than 25 % in {near} flights. The \
+             nearest was served in {:.0} to {:.0} % of the slots.",
+            ranks.0, ranks.1, nearest.0, nearest.1
+        ),
+        "Where the accuracy limits the rate, the nearest user sends no more than the next ones, \
+         and a user far behind is better served now than flown back to.",
+    )]
+}
+
+/// fig:data.
+pub(super) fn claims_of_data(rows: &[DataRow]) -> Vec<Claim> {
+    let (mut rising, mut even) = <(Tally, Tally)>::default();
+    let mut spreads = Vec::new();
+    for topology in Topology::ALL {
+        let mut before = 0.0;
+        for threshold in MSE_THRESHOLDS {
+            let data = data_of(rows, topology, threshold);
+            let data: Vec<f64> = data.iter().map(|row| row.data).collect();
+            let sum = data.iter().sum::<f64>();
+            if before > 0.0 {
+                rising.add(sum > before);
+            }
+            before = sum;
+            let spread =
+                100.0 * statistics::deviation(&data).unwrap_or(f64::NAN) / statistics::mean(&data);
+            even.add(spread <= 15.0);
+            spreads.push(spread);
+        }
+    }
+    let (least, most) = range(spreads);
+    vec![
+        Claim::new(
+            "What users send grows with the threshold.",
+            rising.verdict(),
+            format!("The sum rises in {rising} steps."),
+            "",
+        ),
+        Claim::new(
+            "At one threshold users differ little in what they send.",
+            even.verdict(),
+            format!(
+                "Standard deviation over the users: {least:.1} to {most:.1} % of the mean; at most \
+                 15 % in {even} cells."
+            ),
+            "Fairness counts slots, not data: users whose slots fall to the way to and from the \
+             good places get less.",
+        ),
+    ]
+}

@@ -1,0 +1,48 @@
+//! Mean and 95 % interval of a few runs.
+
+/// Two-sided 95 % quantiles of Student's t for 1, 2, .. degrees of freedom.
+const STUDENT_95: [f64; 15] = [
+    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160,
+    2.145, 2.131,
+];
+
+/// The mean; NaN of nothing.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Standard deviation of the values as a sample; `None` of fewer than two.
+pub fn deviation(values: &[f64]) -> Option<f64> {
+    if values.len() < 2 {
+        return None;
+    }
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    Some((squares / (values.len() - 1) as f64).sqrt())
+}
+
+/// Half the width of the mean's 95 % interval, if the values are normal; `None` of fewer than
+/// three, as that of two is nine deviations wide and says nothing. Beyond 16 values the quantile of 15 degrees of freedom is used, which is too wide.
+pub fn half_width_95(values: &[f64]) -> Option<f64> {
+    if values.len() < 3 {
+        return None;
+    }
+    let freedom = values.len().saturating_sub(1).min(STUDENT_95.len());
+    let quantile = STUDENT_95.get(freedom.checked_sub(1)?)?;
+    Some(quantile * deviation(values)? / (values.len() as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_values_have_the_interval_of_two_degrees_of_freedom() {
+        let values = [1.0, 2.0, 3.0];
+        assert_eq!(mean(&values), 2.0);
+        assert_eq!(deviation(&values), Some(1.0));
+        let half = half_width_95(&values).expect("three values");
+        assert!((half - 4.303 / 3.0_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(half_width_95(&[1.0, 2.0]), None);
+    }
+}
