@@ -118,6 +118,18 @@ impl HostPolicy {
     /// # Errors
     /// A file that cannot be read, is no policy, or does not fit the mission: in one line.
     pub fn load(choice: &PolicyChoice, scenario: &Scenario) -> Result<(Self, String), String> {
+        Self::load_watched(choice, scenario, |_| {})
+    }
+
+    /// As [`HostPolicy::load`]; calls `progress` after every step of a search.
+    ///
+    /// # Errors
+    /// As [`HostPolicy::load`].
+    pub fn load_watched(
+        choice: &PolicyChoice,
+        scenario: &Scenario,
+        progress: impl FnMut(&bound::Progress),
+    ) -> Result<(Self, String), String> {
         let mission = &scenario.mission;
         let policy = match choice {
             PolicyChoice::Shipped => {
@@ -132,7 +144,7 @@ impl HostPolicy {
             PolicyChoice::StraightLine => Self::StraightLine(StraightLine::new(mission)),
             PolicyChoice::Fixed => Self::Fixed(FixedPosition::central(mission)),
             PolicyChoice::Search => {
-                let plan = bound::search(mission).map_err(|error| error.to_string())?;
+                let plan = bound::search(mission, progress).map_err(|error| error.to_string())?;
                 Self::Search(SearchPolicy::new(plan))
             }
             PolicyChoice::File(path) => {

@@ -172,18 +172,20 @@ pub fn certify<const M: usize, const J: usize>(
     })
 }
 
-/// The mission of [`certify`] at the default settings, without closing the bound.
+/// The mission of [`certify`] at the default settings, without closing the bound. Calls
+/// `progress` after every step.
 ///
 /// # Errors
 /// As [`certify`].
 pub fn search<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
+    progress: impl FnMut(&Progress),
 ) -> Result<Plan, BoundError> {
     let settings = Settings {
         work_max: 0,
         ..Settings::default()
     };
-    certify(mission, &settings, |_| {}).map(|bound| bound.plan)
+    certify(mission, &settings, progress).map(|bound| bound.plan)
 }
 
 fn no_room<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> BoundError {

@@ -16,8 +16,11 @@ use std::{
     process::ExitCode,
 };
 
-use host_sim::scenario::Scenario;
-use indicatif::ProgressDrawTarget;
+use host_sim::{
+    policy::{HostPolicy, PolicyChoice},
+    scenario::Scenario,
+};
+use indicatif::{ProgressBar, ProgressDrawTarget};
 
 /// Why a command did not succeed.
 #[derive(Debug)]
@@ -74,4 +77,21 @@ pub(crate) fn terminal() -> ProgressDrawTarget {
 /// The scenario that `--scenario` names: a file, or the name of a shipped one.
 pub(crate) fn load_scenario(argument: &Path) -> Result<Scenario, Failure> {
     Scenario::named(argument).map_err(Failure::bad_input)
+}
+
+/// The policy that `--policy` names, and its name in records. A search shows how far it is.
+pub(crate) fn load_policy(
+    choice: &PolicyChoice,
+    scenario: &Scenario,
+) -> Result<(HostPolicy, String), Failure> {
+    let spinner = ProgressBar::new_spinner().with_style(bound::style());
+    let loaded = HostPolicy::load_watched(choice, scenario, |progress| {
+        spinner.set_message(format!(
+            "searching: {:.3} bit/s/Hz found, at most {:.3}, {} parts",
+            progress.lower, progress.upper, progress.leaves
+        ));
+        spinner.tick();
+    });
+    spinner.finish_and_clear();
+    loaded.map_err(Failure::bad_input)
 }

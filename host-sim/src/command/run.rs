@@ -16,7 +16,7 @@ use host_sim::{
     flight::{self, FlightSettings, Observer, Pace, Peer},
     interrupt,
     link::{LinkAddress, key, lossy::Impairment},
-    policy::{HostPolicy, PolicyChoice},
+    policy::PolicyChoice,
     record::{FlightEvent, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
     scenario::{Scenario, ScenarioChoice},
@@ -25,7 +25,7 @@ use host_sim::{
 };
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Failure, terminal};
+use super::{Failure, load_policy, terminal};
 
 /// How to fly.
 #[derive(Debug, Args)]
@@ -95,8 +95,7 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
 /// Flies, writes, prints.
 pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
-    let (policy, policy_name) =
-        HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
+    let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
         eprintln!("no trained policy is shipped for this scenario: {policy_name} flies");
     }

@@ -6,14 +6,14 @@ use host_sim::{
     allocation::Allocation,
     flight::{self, FlightSettings, Pace, Peer},
     interrupt,
-    policy::{HostPolicy, PolicyChoice},
+    policy::PolicyChoice,
     upload::Upload,
     vehicle::{Profile, Vehicle},
 };
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::doctor::AutopilotArguments;
-use super::{Failure, load_scenario, terminal};
+use super::{Failure, load_policy, load_scenario, terminal};
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum EndingChoice {
@@ -40,8 +40,7 @@ pub(crate) struct UploadArguments {
 /// Plans on the ideal vehicle, uploads, reads back, and starts if asked.
 pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.autopilot.scenario)?;
-    let (policy, policy_name) =
-        HostPolicy::load(&arguments.policy, &scenario).map_err(Failure::bad_input)?;
+    let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
     let settings = FlightSettings {
         policy: policy_name,
         inner: Allocation::Exact,

@@ -121,7 +121,7 @@ impl Axis {
     }
 
     /// From zero.
-    pub(super) fn from_zero(self) -> Self {
+    pub(super) fn with_zero(self) -> Self {
         Self { from: 0.0, ..self }
     }
 }

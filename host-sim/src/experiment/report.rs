@@ -4,7 +4,6 @@
 
 use std::{
     fmt::{Display, Write as _},
-    fs,
     path::{Component, Path, PathBuf},
 };
 
@@ -18,6 +17,7 @@ use super::{
 };
 use crate::{
     allocation::Allocation,
+    document,
     policy::{HostPolicy, PolicyChoice},
 };
 
@@ -94,7 +94,11 @@ pub fn write_results(directory: &Path, path: &Path) -> Result<(), String> {
     table::write_text(path, &results(directory, &figures)?)
 }
 
-fn results(directory: &Path, figures: &str) -> Result<String, String> {
+/// The page of results, with links to the drawings that start with `figures`.
+///
+/// # Errors
+/// A CSV file that is missing.
+pub fn results(directory: &Path, figures: &str) -> Result<String, String> {
     let mut claims = Vec::new();
     for experiment in Experiment::ALL {
         claims.push((experiment, experiment.claims(directory)?));
@@ -261,7 +265,7 @@ fn relative(from: &Path, to: &Path) -> String {
 /// Puts the table of bounds between the marks of a page.
 ///
 /// # Errors
-/// A page that cannot be read, has no such marks, or cannot be written.
+/// A page that cannot be read, has no marks `bounds`, or cannot be written.
 pub fn write_bounds(rows: &[BoundRow], path: &Path) -> Result<(), String> {
     let mut body = String::from(
         "| scenario | T, s | noise, dBm | Gamma | upper | lower | gap | seconds | processor s |\n\
@@ -282,19 +286,7 @@ pub fn write_bounds(rows: &[BoundRow], path: &Path) -> Result<(), String> {
             row.processor_seconds
         );
     }
-    let page = fs::read_to_string(path).map_err(|error| table::named(path, error))?;
-    let page = between(&page, "bounds", &body).map_err(|problem| table::named(path, problem))?;
-    table::write_text(path, &page)
-}
-
-/// The page with another text between `<!-- NAME ... -->` and `<!-- /NAME -->`.
-fn between(page: &str, name: &str, body: &str) -> Result<String, String> {
-    let missing = |mark: &str| format!("has no mark {mark}");
-    let (start, end) = (format!("<!-- {name}"), format!("<!-- /{name} -->"));
-    let opened = page.find(&start).ok_or_else(|| missing(&start))?;
-    let from = page[opened..].find("-->\n").ok_or_else(|| missing("-->"))? + opened + 4;
-    let to = page[from..].find(&end).ok_or_else(|| missing(&end))? + from;
-    Ok(format!("{}\n{body}\n{}", &page[..from], &page[to..]))
+    document::write_table(path, "bounds", &body)
 }
 
 /// The card of all policies of the figures' cells that are there: how each was made, and what it
@@ -370,19 +362,6 @@ fn card(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_table_is_put_between_its_marks_and_nowhere_else() {
-        let page = "a\n<!-- bounds: by a command -->\nold\n<!-- /bounds -->\nb\n";
-        let changed = between(page, "bounds", "new\n").expect("marked");
-        let expected = "a\n<!-- bounds: by a command -->\n\nnew\n\n<!-- /bounds -->\nb\n";
-        assert_eq!(changed, expected);
-        assert_eq!(
-            between(&changed, "bounds", "new\n").as_deref(),
-            Ok(expected)
-        );
-        assert!(between("a", "bounds", "new").is_err());
-    }
 
     #[test]
     fn drawings_are_linked_from_where_the_page_lies() {

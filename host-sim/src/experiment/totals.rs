@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use super::{
     Experiment,
     cell::{
-        Cell, HIGH_NOISE_DBM, Learner, MISSION_TIMES_S, MSE_THRESHOLDS, NOISE_DBM, Topology,
-        Training,
+        Cell, HIGH_NOISE_DBM, Learner, MISSION_TIMES_S, MSE_THRESHOLD, MSE_THRESHOLDS, NOISE_DBM,
+        Topology, Training,
     },
     claims::{Claim, Tally, range},
     figure::{Axis, Figure, LOOKS, Look, Panel, Series},
@@ -159,9 +159,14 @@ fn approaches(experiment: Experiment) -> &'static [Approach] {
     }
 }
 
-/// Table I's settings are compared at Table I's noise alone.
+/// Whether an approach is trained on a mission. With more noise the comparison is of SAC with the
+/// bound; Table I's settings stay out of it, and DDPG comes in at Table I's threshold alone.
 fn is_compared(cell: &Cell, approach: Approach) -> bool {
-    approach != Approach::SacTableOne || cell.noise_dbm == NOISE_DBM
+    match approach {
+        Approach::SacTableOne => cell.noise_dbm == NOISE_DBM,
+        Approach::Ddpg => cell.noise_dbm == NOISE_DBM || cell.mse_threshold == MSE_THRESHOLD,
+        _ => true,
+    }
 }
 
 /// One flight that a figure needs.
@@ -316,7 +321,7 @@ pub(super) fn figure(experiment: Experiment, rows: &[TotalRow]) -> Figure {
             panels.push(Panel {
                 title,
                 x: Axis { ticks: 5, ..x },
-                y: Axis::around("total rate, bit/s/Hz", rates, 0).from_zero(),
+                y: Axis::around("total rate, bit/s/Hz", rates, 0).with_zero(),
                 series: series(experiment, &here, abscissa),
                 legend: SeriesLabelPosition::UpperLeft,
             });
@@ -442,8 +447,11 @@ fn same_topology_and_noise(a: &Cell, b: &Cell) -> bool {
 /// fig:alg.
 pub(super) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
     let (totals, cells) = (Totals(rows), cells(Experiment::Approaches));
-    let (quiet, noisy): (Vec<Cell>, Vec<Cell>) =
-        cells.iter().partition(|cell| cell.noise_dbm == NOISE_DBM);
+    let quiet: Vec<Cell> = cells
+        .iter()
+        .copied()
+        .filter(|cell| cell.noise_dbm == NOISE_DBM)
+        .collect();
     let mut rising = Tally::default();
     for &approach in approaches(Experiment::Approaches) {
         let tally = rises(&totals, &cells, approach, same_topology_and_noise);
@@ -454,20 +462,23 @@ pub(super) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
     for cell in &cells {
         let ddpg = totals.rate(cell, Approach::Ddpg);
         let straight = totals.rate(cell, Approach::StraightLine);
-        best.add(totals.sac(cell) > ddpg && totals.sac(cell) > straight);
-        between.add(ddpg > straight);
+        best.add(totals.sac(cell) > straight);
+        if !ddpg.is_nan() {
+            best.add(totals.sac(cell) > ddpg);
+            between.add(ddpg > straight);
+        }
         let search = totals.rate(cell, Approach::Search);
         let bound = totals.rate(cell, Approach::Bound);
         near.add(totals.sac(cell) >= 0.97 * search && totals.sac(cell) >= 0.95 * bound);
     }
-    let lead = |cells: &[Cell]| {
-        let leads: Vec<f64> = cells
-            .iter()
-            .map(|cell| totals.sac(cell) / totals.rate(cell, Approach::Ddpg) - 1.0)
-            .collect();
+    let lead = |noise_dbm: f64| {
+        let leads = Topology::ALL.map(|topology| {
+            let cell = Cell::table_one(topology).at_noise(noise_dbm);
+            totals.rate(&cell, Approach::Sac) / totals.rate(&cell, Approach::Ddpg) - 1.0
+        });
         100.0 * statistics::mean(&leads)
     };
-    let (quiet_lead, noisy_lead) = (lead(&quiet), lead(&noisy));
+    let (quiet_lead, noisy_lead) = (lead(NOISE_DBM), lead(HIGH_NOISE_DBM));
     let mut robust = Tally::default();
     robust.add(noisy_lead > quiet_lead);
     vec![
@@ -481,7 +492,7 @@ pub(super) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
             "SAC is best, above DDPG and above the straight line.",
             best.verdict(),
             format!(
-                "The better preset of SAC is above both in {best} cells; SAC comes to {} of the \
+                "The better preset of SAC is above in {best} comparisons; SAC comes to {} of the \
                  certified bound, with Table I's settings to {}.",
                 shares(
                     &totals,
@@ -535,7 +546,7 @@ pub(super) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
             "With more noise SAC's lead over DDPG grows.",
             robust.verdict(),
             format!(
-                "The mean lead is {quiet_lead:.1} % at {NOISE_DBM} dBm and {noisy_lead:.1} % at \
+                "At Gamma 0.015 the mean lead is {quiet_lead:.1} % at {NOISE_DBM} dBm and {noisy_lead:.1} % at \
                  {HIGH_NOISE_DBM} dBm."
             ),
             "",
