@@ -514,7 +514,7 @@ impl Campaign {
             assert!(mse <= most, "{mse}: {}", context());
         }
 
-        if slot % SLOTS_EACH == 0 {
+        if slot.is_multiple_of(SLOTS_EACH) {
             let context = context();
             self.in_order_again(command, &truth, &context);
             self.end_section(slot, &context);

@@ -350,11 +350,7 @@ impl<T: Scalar> FaultyLink<T> {
                     }
                     bytes = more;
                 }
-                Fault::Cut => {
-                    if !bytes.is_empty() {
-                        bytes.truncate(random.random_range(0..bytes.len()));
-                    }
-                }
+                Fault::Cut => bytes.truncate(random.random_range(0..bytes.len().max(1))),
                 Fault::Silence => bytes.clear(),
                 Fault::Flood(length) => {
                     let noise = std::iter::repeat_with(|| random.random_range(1..=u8::MAX));
