@@ -78,6 +78,7 @@ messages! {
         HEARTBEAT,
         COMMAND_LONG,
         PARAM_REQUEST_READ,
+        PARAM_SET,
         SET_POSITION_TARGET_LOCAL_NED,
         SET_POSITION_TARGET_GLOBAL_INT,
         STATUSTEXT,
