@@ -11,12 +11,15 @@ pub enum Verdict {
     InPart,
     /// In none.
     Differs,
+    /// Not measured.
+    Open,
 }
 
 impl Verdict {
     /// From how many of how many cases show it.
     pub fn of(holding: usize, cases: usize) -> Self {
         match holding {
+            _ if cases == 0 => Self::Open,
             _ if holding == cases => Self::Agrees,
             0 => Self::Differs,
             _ => Self::InPart,
@@ -30,6 +33,7 @@ impl fmt::Display for Verdict {
             Self::Agrees => "agrees",
             Self::InPart => "in part",
             Self::Differs => "differs",
+            Self::Open => "open",
         })
     }
 }
@@ -57,7 +61,7 @@ impl Claim {
     ) -> Self {
         let reason = match verdict {
             Verdict::Agrees => "",
-            Verdict::InPart | Verdict::Differs => reason,
+            Verdict::InPart | Verdict::Differs | Verdict::Open => reason,
         };
         Self {
             claimed,
@@ -97,4 +101,17 @@ pub(super) fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let start = (f64::INFINITY, f64::NEG_INFINITY);
     let widen = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
     values.into_iter().fold(start, widen)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_not_measured_is_no_agreement() {
+        assert_eq!(Verdict::of(0, 0), Verdict::Open);
+        assert_eq!(Verdict::of(2, 2), Verdict::Agrees);
+        assert_eq!(Verdict::of(1, 2), Verdict::InPart);
+        assert_eq!(Verdict::of(0, 2), Verdict::Differs);
+    }
 }

@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 use super::{
     Experiment,
     cell::{
-        Cell, HIGH_NOISE_DBM, Learner, MISSION_TIMES_S, MSE_THRESHOLD, MSE_THRESHOLDS, NOISE_DBM,
-        Topology, Training,
+        Cell, HIGH_NOISE_DBM, Learner, MISSION_TIMES_S, MSE_THRESHOLDS, NOISE_DBM, Topology,
+        Training,
     },
-    claims::{Claim, Tally, range},
+    claims::{Claim, Tally, Verdict, range},
     figure::{Axis, Figure, LOOKS, Look, Panel, Series},
     laboratory::Laboratory,
     rounded, statistics,
@@ -159,14 +159,10 @@ fn approaches(experiment: Experiment) -> &'static [Approach] {
     }
 }
 
-/// Whether an approach is trained on a mission. With more noise the comparison is of SAC with the
-/// bound; Table I's settings stay out of it, and DDPG comes in at Table I's threshold alone.
+/// Whether an approach is trained on a mission: with more noise only SAC is held against the bound.
 fn is_compared(cell: &Cell, approach: Approach) -> bool {
-    match approach {
-        Approach::SacTableOne => cell.noise_dbm == NOISE_DBM,
-        Approach::Ddpg => cell.noise_dbm == NOISE_DBM || cell.mse_threshold == MSE_THRESHOLD,
-        _ => true,
-    }
+    let at_low_noise_only = matches!(approach, Approach::SacTableOne | Approach::Ddpg);
+    !at_low_noise_only || cell.noise_dbm == NOISE_DBM
 }
 
 /// One flight that a figure needs.
@@ -459,6 +455,7 @@ pub(super) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
         rising.cases += tally.cases;
     }
     let (mut best, mut between, mut near) = <(Tally, Tally, Tally)>::default();
+    let mut near_quiet = Tally::default();
     for cell in &cells {
         let ddpg = totals.rate(cell, Approach::Ddpg);
         let straight = totals.rate(cell, Approach::StraightLine);
@@ -469,18 +466,12 @@ pub(super) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
         }
         let search = totals.rate(cell, Approach::Search);
         let bound = totals.rate(cell, Approach::Bound);
-        near.add(totals.sac(cell) >= 0.97 * search && totals.sac(cell) >= 0.95 * bound);
+        let is_near = totals.sac(cell) >= 0.97 * search && totals.sac(cell) >= 0.95 * bound;
+        near.add(is_near);
+        if cell.noise_dbm == NOISE_DBM {
+            near_quiet.add(is_near);
+        }
     }
-    let lead = |noise_dbm: f64| {
-        let leads = Topology::ALL.map(|topology| {
-            let cell = Cell::table_one(topology).at_noise(noise_dbm);
-            totals.rate(&cell, Approach::Sac) / totals.rate(&cell, Approach::Ddpg) - 1.0
-        });
-        100.0 * statistics::mean(&leads)
-    };
-    let (quiet_lead, noisy_lead) = (lead(NOISE_DBM), lead(HIGH_NOISE_DBM));
-    let mut robust = Tally::default();
-    robust.add(noisy_lead > quiet_lead);
     vec![
         Claim::new(
             "The total grows with the threshold, for every approach.",
@@ -528,28 +519,27 @@ pub(super) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
                     Approach::Bound
                 ),
             ),
-            "DDPG has no stochastic policy to explore users with and falls below the straight \
-             line where that is already good.",
+            "At the loosest threshold DDPG flies along the edge of the area (fig:topo_ddpg): its policy \
+             has settled at the limits of its action.",
         ),
         Claim::new(
             "SAC comes close to a global search.",
             near.verdict(),
             format!(
                 "The better preset comes to {} of the best known mission and {} of the certified \
-                 bound; at least 97 % and 95 % in {near} cells.",
+                 bound; at least 97 % and 95 % in {near} cells, at {NOISE_DBM} dBm in {}.",
                 shares(&totals, &cells, |cell| totals.sac(cell), Approach::Search),
                 shares(&totals, &cells, |cell| totals.sac(cell), Approach::Bound),
+                near_quiet,
             ),
-            "",
+            "At -85 dBm rates vary more over the area, so that the order of service matters more; \
+             these are trainings of one seed with settings that were found at -95 dBm.",
         ),
         Claim::new(
             "With more noise SAC's lead over DDPG grows.",
-            robust.verdict(),
-            format!(
-                "At Gamma 0.015 the mean lead is {quiet_lead:.1} % at {NOISE_DBM} dBm and {noisy_lead:.1} % at \
-                 {HIGH_NOISE_DBM} dBm."
-            ),
-            "",
+            Verdict::Open,
+            "Not measured.".into(),
+            "DDPG has not been trained at -85 dBm.",
         ),
     ]
 }

@@ -1,0 +1,201 @@
+//! The figures from the shipped policies: near the bound, in order, and as committed.
+
+#![cfg(feature = "onnx")]
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use host_sim::{
+    bound,
+    experiment::{
+        Experiment, Laboratory, Settings,
+        cell::{Cell, Learner, NOISE_DBM, Topology, Training},
+        laboratory::{BOUNDS, BoundRow},
+        report, table,
+        totals::{Approach, TotalRow},
+    },
+};
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn figures() -> PathBuf {
+    repository().join("docs/figures")
+}
+
+fn settings(out: &Path, models: PathBuf) -> Settings {
+    Settings {
+        out: out.to_owned(),
+        models,
+        trainer: None,
+        seeds: 3,
+        fresh: false,
+    }
+}
+
+/// What a figure's flights come to now.
+fn measured(experiment: Experiment) -> Vec<TotalRow> {
+    let out = tempfile::tempdir().expect("a directory");
+    let settings = settings(out.path(), repository().join("models"));
+    let mut laboratory = Laboratory::open(settings, &()).expect("bounds are readable");
+    experiment
+        .measure(&mut laboratory)
+        .expect("everything is shipped");
+    table::read(&experiment.csv(out.path())).expect("rows")
+}
+
+/// Rows of a mission, the approaches in the figure's order.
+fn missions(rows: &[TotalRow]) -> impl Iterator<Item = &[TotalRow]> {
+    rows.chunk_by(|a, b| {
+        let mission = |row: &TotalRow| {
+            (
+                row.topology,
+                row.mission_time_s,
+                row.noise_dbm,
+                row.mse_threshold,
+            )
+        };
+        mission(a) == mission(b)
+    })
+}
+
+fn rate(mission: &[TotalRow], approach: Approach) -> Option<f64> {
+    let row = mission.iter().find(|row| row.approach == approach)?;
+    Some(row.sum_rate)
+}
+
+/// The better of SAC's presets reaches 0.97 of the best known mission and 0.95 of the bound in every
+/// cell at Table I's noise. At -85 dBm it does not (0.85 to 0.97 of the best known mission with
+/// one seed, docs/results.md), and what is asked there only keeps it from getting worse.
+#[test]
+fn sac_is_near_the_bound_and_above_the_others_in_every_cell() {
+    let rows = measured(Experiment::Approaches);
+    assert_eq!(missions(&rows).count(), 16);
+    for mission in missions(&rows) {
+        let of = |approach| rate(mission, approach);
+        let presets = [Approach::Sac, Approach::SacTableOne]
+            .into_iter()
+            .filter_map(of);
+        let sac = presets.fold(0.0, f64::max);
+        let search = of(Approach::Search).expect("known");
+        let bound = of(Approach::Bound).expect("known");
+        let cell = &mission[0];
+        assert!(search <= bound, "{cell:?}");
+        assert!(sac <= bound, "{cell:?}");
+        let (of_search, of_bound) = match cell.noise_dbm == NOISE_DBM {
+            true => (0.97, 0.95),
+            false => (0.84, 0.83),
+        };
+        assert!(sac >= of_search * search, "{cell:?}: {sac} of {search}");
+        assert!(sac >= of_bound * bound, "{cell:?}: {sac} of {bound}");
+        for lesser in [Approach::Ddpg, Approach::StraightLine] {
+            if let Some(lesser) = of(lesser) {
+                assert!(sac > lesser, "{cell:?}: {sac} against {lesser}");
+            }
+        }
+        for row in mission {
+            assert!(row.constraints_held, "{row:?}");
+        }
+    }
+    // More is allowed, more is sent; more noise, less.
+    for of_kind in rows.chunk_by(|a, b| (a.topology, a.noise_dbm) == (b.topology, b.noise_dbm)) {
+        let totals: Vec<f64> = missions(of_kind)
+            .filter_map(|mission| rate(mission, Approach::Sac))
+            .collect();
+        assert!(totals.is_sorted_by(|a, b| a < b), "{totals:?}");
+    }
+    let sac: Vec<&TotalRow> = rows
+        .iter()
+        .filter(|row| row.approach == Approach::Sac)
+        .collect();
+    let (quiet, noisy) = sac.split_at(8);
+    for (quiet, noisy) in quiet.iter().zip(noisy) {
+        assert!(noisy.noise_dbm > quiet.noise_dbm && noisy.sum_rate < quiet.sum_rate);
+    }
+    as_committed(Experiment::Approaches, &rows);
+}
+
+#[test]
+fn the_total_grows_with_the_mission_time() {
+    let rows = measured(Experiment::MissionTime);
+    let totals: Vec<f64> = missions(&rows)
+        .filter_map(|mission| rate(mission, Approach::Sac))
+        .collect();
+    assert_eq!(totals.len(), 5);
+    assert!(totals.is_sorted_by(|a, b| a < b), "{totals:?}");
+    as_committed(Experiment::MissionTime, &rows);
+}
+
+/// The committed CSV file holds these numbers. Processors with other vector instructions round a
+/// policy's outputs differently, which may move a way-point by a hair.
+fn as_committed(experiment: Experiment, rows: &[TotalRow]) {
+    let committed: Vec<TotalRow> = table::read(&experiment.csv(&figures())).expect("committed");
+    assert_eq!(committed.len(), rows.len());
+    for (old, new) in committed.iter().zip(rows) {
+        assert_eq!(old.approach, new.approach);
+        assert!(
+            (old.sum_rate / new.sum_rate - 1.0).abs() < 1e-3,
+            "{old:?} became {new:?}"
+        );
+    }
+}
+
+#[test]
+fn drawings_and_page_are_those_of_the_committed_tables() {
+    let text = |path: PathBuf| fs::read_to_string(path).expect("committed");
+    for experiment in Experiment::ALL {
+        let svg = experiment.draw(&figures()).expect("drawn");
+        roxmltree::Document::parse(&svg).expect("well-formed");
+        let name = format!("{}.svg", experiment.name());
+        assert!(svg == text(figures().join(&name)), "{name} is stale");
+    }
+    let page = report::results(&figures(), "figures/").expect("written");
+    assert!(
+        page == text(repository().join("docs/results.md")),
+        "docs/results.md is stale"
+    );
+}
+
+#[test]
+fn known_bounds_are_what_is_certified_now() {
+    let known: Vec<BoundRow> =
+        table::read(&repository().join("models").join(BOUNDS)).expect("committed");
+    for cell in Cell::all() {
+        let digest = cell.scenario().expect("valid").digest();
+        let known = known.iter().any(|row| row.scenario_digest == digest);
+        assert!(known, "{cell} is not among the bounds");
+    }
+    let cell = Cell::table_one(Topology::Separated);
+    let scenario = cell.scenario().expect("valid");
+    let digest = scenario.digest();
+    let row = known
+        .iter()
+        .find(|row| row.scenario_digest == digest)
+        .expect("known");
+    let now = bound::certify(&scenario.mission, &bound::Settings::default(), |_| {});
+    let now = now.expect("bounded");
+    assert_eq!((row.upper, row.lower), (now.upper, now.lower));
+    for row in known {
+        let gap = (row.upper - row.lower) / row.upper;
+        assert!((0.0..=0.02).contains(&gap), "{row:?}");
+    }
+}
+
+#[test]
+fn what_is_missing_is_named_with_the_way_to_get_it() {
+    let empty = tempfile::tempdir().expect("a directory");
+    let settings = settings(empty.path(), empty.path().to_owned());
+    let laboratory = Laboratory::open(settings, &()).expect("nothing to read");
+    let cell = Cell::table_one(Topology::Mixed);
+    let problem = laboratory
+        .policies(&[Training::new(cell, Learner::Ddpg, 1)])
+        .expect_err("nothing there");
+    assert!(
+        problem.contains("mixed-t60-n95-g0.015-ddpg-paper-s1.onnx"),
+        "{problem}"
+    );
+    assert!(problem.contains("--train"), "{problem}");
+}
