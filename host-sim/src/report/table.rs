@@ -87,6 +87,8 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
         value,
         words,
     };
+    let link = &summary.link;
+    let dropped = link.vehicle.link.dropped() + link.ground.dropped();
     vec![
         fact(
             None,
@@ -154,6 +156,15 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
             "shield",
             count(summary.shield_interventions, "slot"),
             format!("of {} changed", summary.slots),
+        ),
+        fact(
+            None,
+            "ground link",
+            count(dropped as usize, "frame"),
+            format!(
+                "dropped, {} on aged channel state",
+                count(summary.link.vehicle.slots.stale as usize, "slot")
+            ),
         ),
         timing("plan", &summary.plan_us),
         timing("allocate", &summary.allocate_us),
