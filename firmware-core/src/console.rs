@@ -27,7 +27,8 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Mission, SENSORS_MAX, USERS_MAX,
     autopilot::{
-        Autopilot, Geofence, Phase, Settings, SettingsError, frames::Geodetic, guidance::Limits,
+        Autopilot, Geofence, Phase, Settings, SettingsError, failsafe::Watch, frames::Geodetic,
+        guidance::Limits,
     },
     controller::Controller,
     link::{self, Decoder, FrameError, FrameTooLong},
@@ -35,7 +36,7 @@ use crate::{
     onboard::{self, Onboard, Stage},
     policy::{Action, Misfit, Observation, Policy, StraightLine, mlp::Mlp},
     scalar::{Position, Scalar},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 /// The version of the console's messages. Any change of one is a new one.
@@ -82,6 +83,8 @@ pub struct Order {
     pub limits: Limits<f32>,
     /// Where it may be sent.
     pub geofence: Option<Geofence<f32>>,
+    /// How long the ground may be silent before the vehicle is landed.
+    pub ground_patience: Option<Duration>,
     /// Who decides.
     pub decider: Decider,
     /// Whose clock counts.
@@ -256,6 +259,9 @@ pub enum Refusal {
     /// The trained policy is for another one.
     #[error(transparent)]
     Policy(#[from] Misfit),
+    /// There is none.
+    #[error("there is no trained policy here")]
+    NoPolicy,
     /// It cannot be flown so.
     #[error(transparent)]
     Flight(#[from] SettingsError),
@@ -268,11 +274,12 @@ impl Order {
     /// A mission that is none, a policy that is for another one, settings that cannot be flown.
     pub fn commission<B: AsRef<[u8]> + Clone>(
         &self,
-        trained: &Mlp<B>,
+        trained: Option<&Mlp<B>>,
     ) -> Result<BoardComputer<B>, Refusal> {
         let mission = BoardMission::new(self.mission.clone())?;
         let policy = match self.decider {
             Decider::Trained => {
+                let trained = trained.ok_or(Refusal::NoPolicy)?;
                 trained.provenance().check(&mission)?;
                 BoardPolicy::Trained(trained.clone())
             }
@@ -282,6 +289,10 @@ impl Order {
         let flight = Settings {
             limits: self.limits,
             geofence: self.geofence,
+            watch: Watch {
+                ground: self.ground_patience,
+                ..Watch::default()
+            },
             ..Settings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
         };
         let autopilot = Autopilot::new(flight)?;
@@ -350,6 +361,7 @@ mod tests {
                 high: Position::new(1050.0, 1050.0),
                 ceiling_m: 150.0,
             }),
+            ground_patience: Some(Duration::from_secs(1_000_000)),
             decider: Decider::StraightLine,
             clock: Clock::Console,
         }

@@ -44,16 +44,23 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
         }
     };
     let mut calls = Calls::default();
-    let (mut computer, clock) = loop {
+    // Built where it stays: it is most of what is on the stack.
+    let mut commissioned = None;
+    let clock = loop {
         match next_call(board, &mut calls) {
-            Some(Call::Order(order)) => match commission(board, &order, &trained) {
-                Ok(computer) => break (computer, order.clock),
-                Err(why) => report(board, &Report::Refused(console::words(&why))),
-            },
+            Some(Call::Order(order)) => {
+                match commission(board, &order, &trained, &mut commissioned) {
+                    Ok(()) => break order.clock,
+                    Err(why) => report(board, &Report::Refused(console::words(&why))),
+                }
+            }
             Some(Call::Footprint) => report_footprint(board),
             Some(Call::Tick(_) | Call::Stop) => {}
             None => board.rest(false),
         }
+    };
+    let Some(computer) = &mut commissioned else {
+        board.halt(&"no computer after an order")
     };
     report(board, &Report::Ready);
     let mut flight = Flight::default();
@@ -63,12 +70,12 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
             Some(Call::Footprint) => report_footprint(board),
             Some(Call::Stop) => flight.stop_asked = true,
             Some(Call::Tick(tick)) if clock == Clock::Console => {
-                flight.bench_round(board, &mut computer, &tick);
+                flight.bench_round(board, computer, &tick);
             }
             Some(Call::Tick(_) | Call::Order(_)) => {}
             None if clock == Clock::Board => {
                 let now = board.now();
-                flight.round(board, &mut computer, now, None);
+                flight.round(board, computer, now, None);
                 board.rest(true);
             }
             None => board.rest(false),
@@ -82,14 +89,15 @@ fn commission<B: Board>(
     board: &mut B,
     order: &Order,
     trained: &Mlp<&'static [u8]>,
-) -> Result<Computer, Refusal> {
-    let mut computer = order.commission(trained)?;
+    place: &mut Option<Computer>,
+) -> Result<(), Refusal> {
+    let computer = place.insert(order.commission(Some(trained))?);
     let now = match order.clock {
         Clock::Board => board.now(),
         Clock::Console => Instant::ZERO,
     };
     computer.autopilot_mut().launch(now);
-    Ok(computer)
+    Ok(())
 }
 
 /// The next call, if one has come. Frames that are damaged are dropped; a bench asks again.

@@ -13,7 +13,10 @@ use std::{
 use clap::Args;
 use host_sim::{
     allocation::Allocation,
-    flight::{self, FlightSettings, Observer, Pace, Peer},
+    flight::{
+        self, FailedFlight, FlightSettings, Observer, Pace, Peer,
+        board::{self, Board},
+    },
     interrupt,
     link::{LinkAddress, key, lossy::Impairment},
     policy::PolicyChoice,
@@ -25,7 +28,11 @@ use host_sim::{
 };
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Failure, load_policy, terminal};
+use super::{
+    Failure,
+    board::{BoardChoice, OpenBoard, footprint_in_words},
+    load_policy, terminal,
+};
 
 /// How to fly.
 #[derive(Debug, Args)]
@@ -63,6 +70,8 @@ pub(crate) struct RunArguments {
     /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
     impair: Option<Impairment>,
+    #[command(flatten)]
+    board: BoardChoice,
     /// How fast time passes: so many seconds of flight a second, or max
     #[arg(long, default_value = "max", value_parser = parse_pace, value_name = "X|max")]
     speed: Pace,
@@ -95,26 +104,75 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
 /// Flies, writes, prints.
 pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
+    if arguments.board.is_asked_for() {
+        return fly_board(arguments, &scenario);
+    }
     let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
         eprintln!("no trained policy is shipped for this scenario: {policy_name} flies");
     }
+    let (settings, peer, mut show) = prepare(arguments, &scenario, policy_name)?;
+    let flown = flight::fly(&scenario, policy, &settings, peer, &mut show);
+    show.bar.finish_and_clear();
+    end(flown, arguments)
+}
+
+/// As [`execute`], with a board's controller.
+fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failure> {
+    if arguments.inner != Allocation::Exact
+        || arguments.signing_key.is_some()
+        || arguments.set_params
+    {
+        return Err(Failure::bad_input(
+            "a board allocates by --inner exact, and neither signs nor sets parameters: \
+             --signing-key and --set-params are for --controller in-process --precision f64",
+        ));
+    }
+    let prepared = |policy_name| prepare(arguments, scenario, policy_name);
+    let chosen = (&arguments.policy, arguments.profile);
+    match arguments.board.open(scenario, chosen)? {
+        OpenBoard::Image(mut image) => {
+            let (settings, peer, mut show) = prepared("in flash".into())?;
+            let flown = board::fly(scenario, &mut *image, &settings, peer, &mut show);
+            show.bar.finish_and_clear();
+            if let Ok(Some(footprint)) = image.footprint() {
+                eprintln!("{}", footprint_in_words(&footprint));
+            }
+            end(flown, arguments)
+        }
+        OpenBoard::Twin(mut twin) => {
+            let (settings, peer, mut show) = prepared(arguments.policy.to_string())?;
+            let flown = board::fly(scenario, &mut *twin, &settings, peer, &mut show);
+            show.bar.finish_and_clear();
+            end(flown, arguments)
+        }
+    }
+}
+
+/// The folder, the vehicle, and what is shown meanwhile.
+fn prepare(
+    arguments: &RunArguments,
+    scenario: &Scenario,
+    policy: String,
+) -> Result<(FlightSettings, Peer, Show), Failure> {
     report::prepare(&arguments.out)
         .map_err(|error| Failure::bad_input(format!("--out: {error}")))?;
     let settings = FlightSettings {
-        policy: policy_name,
+        policy,
         inner: arguments.inner,
         profile: arguments.profile,
         pace: arguments.speed,
         seed: arguments.seed,
         symbols_per_slot: arguments.symbols,
     };
-    let peer = connect(arguments, &scenario)?
+    let peer = connect(arguments, scenario)?
         .log_to(&arguments.out.join("mavlink.tlog"))
         .map_err(|error| Failure::failed(format!("mavlink.tlog: {error}")))?;
-    let mut show = Show::new(&scenario)?;
-    let flown = flight::fly(&scenario, policy, &settings, peer, &mut show);
-    show.bar.finish_and_clear();
+    Ok((settings, peer, Show::new(scenario)?))
+}
+
+/// What came of a flight.
+fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> Result<(), Failure> {
     match flown {
         Ok(record) => conclude(&record, arguments),
         Err(failed) => {

@@ -1,17 +1,25 @@
 //! The ground's end of the link: answers arrivals with channel state, does what is commanded.
 
 use firmware_core::{
-    Position, SENSORS_MAX, USERS_MAX,
+    Position, SENSORS_MAX, Scalar, USERS_MAX,
+    controller::ChannelState,
     inner::Method,
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
 };
 
+use super::precision;
 use crate::{
     record::{LinkRecord, SlotRecord},
-    world::{HostSlotCommand, World},
+    world::{HostChannelState, HostSlotCommand, World},
 };
 
-type HostMessage = Message<f64, USERS_MAX, SENSORS_MAX>;
+/// A channel state as a frame.
+fn encode<T: Scalar>(state: &ChannelState<T, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
+    let message = Message::ChannelState(state.clone());
+    let mut frame = [0; FRAME_MAX];
+    // Every message fits: `encode` does not compile where one could be too long.
+    link::encode(&message, &mut frame).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
+}
 
 /// The ground station of a mission.
 #[derive(Debug)]
@@ -67,7 +75,8 @@ impl Ground {
             let outcome = self.decoder.push::<f64, USERS_MAX, SENSORS_MAX>(byte);
             match outcome {
                 Some(Ok(Message::Arrival(arrival))) => {
-                    uplink.extend(self.answer(&arrival, truth));
+                    let state = self.answer(&arrival, truth);
+                    uplink.extend(state.iter().flat_map(encode));
                 }
                 Some(Ok(Message::Command(command))) => self.obey(&command),
                 Some(Ok(Message::Status(status))) => self.link.vehicle = status,
@@ -77,11 +86,34 @@ impl Ground {
         uplink
     }
 
-    /// The channels of the slot that the vehicle has flown.
-    fn answer(&mut self, arrival: &Arrival<f64>, truth: Option<Position<f64>>) -> Vec<u8> {
+    /// As [`receive`](Self::receive), with a vehicle that computes in single precision.
+    pub(super) fn receive_single(&mut self, bytes: &[u8], truth: Option<Position<f64>>) -> Vec<u8> {
+        let mut uplink = Vec::new();
+        for &byte in bytes {
+            let outcome = self.decoder.push::<f32, USERS_MAX, SENSORS_MAX>(byte);
+            match outcome {
+                Some(Ok(Message::Arrival(arrival))) => {
+                    let state = self.answer(&precision::arrival(&arrival), truth);
+                    let state = state.as_ref().map(precision::channel_state);
+                    uplink.extend(state.iter().flat_map(encode));
+                }
+                Some(Ok(Message::Command(command))) => self.obey(&precision::command(&command)),
+                Some(Ok(Message::Status(status))) => self.link.vehicle = status,
+                Some(Ok(Message::ChannelState(_)) | Err(_)) | None => {}
+            }
+        }
+        uplink
+    }
+
+    /// The channels of the slot that the vehicle has flown; `None` if it has had its command.
+    fn answer(
+        &mut self,
+        arrival: &Arrival<f64>,
+        truth: Option<Position<f64>>,
+    ) -> Option<HostChannelState> {
         if self.is_recorded(arrival.plan.slot) {
             self.link.repeated += 1;
-            return Vec::new();
+            return None;
         }
         let position = match self.arrival {
             // Asked again: the same answer.
@@ -95,11 +127,7 @@ impl Ground {
             }
         };
         self.arrival = Some((*arrival, position));
-        let state = self.world.channel_state(arrival.plan.slot, &position);
-        let message: HostMessage = Message::ChannelState(state);
-        let mut frame = [0; FRAME_MAX];
-        // Every message fits: `encode` does not compile where one could be too long.
-        link::encode(&message, &mut frame).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
+        Some(self.world.channel_state(arrival.plan.slot, &position))
     }
 
     fn is_recorded(&self, slot: u32) -> bool {

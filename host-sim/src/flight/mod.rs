@@ -8,9 +8,11 @@
 //! vehicle time is simulated, in steps of 10 ms, as fast as it computes or at a pace; with any
 //! other it is the clock's.
 
+pub mod board;
 mod clock;
 mod ground;
 mod peer;
+mod precision;
 
 use std::time::Instant as WallInstant;
 
@@ -434,6 +436,13 @@ struct Stopwatch {
 }
 
 impl Stopwatch {
+    /// Takes times that were measured elsewhere; 0 where nothing was computed.
+    fn add(&mut self, plan_us: f64, allocate_us: f64) {
+        self.plan_us.extend((plan_us > 0.0).then_some(plan_us));
+        self.allocate_us
+            .extend((allocate_us > 0.0).then_some(allocate_us));
+    }
+
     /// Writes a slot's two times into its record.
     fn note(&self, slot: &mut SlotRecord) {
         let index = slot.slot as usize - 1;

@@ -1,0 +1,568 @@
+//! Missions whose onboard computer is a board: the microcontroller image at the other end of three
+//! serial lines, or its twin in this process, in the same precision and stepped alike.
+//!
+//! ```text
+//!   Ground  <-- ground link -->  board  <-- MAVLink -->  vehicle
+//!                                  ^
+//!   clock   <-- console -----------+
+//! ```
+//!
+//! Time is ours in both cases (`firmware_core::console`): a flight in QEMU is the same, byte for
+//! byte, however slow it is, and the same as the twin's as far as the arithmetic is.
+
+use std::{
+    fmt,
+    io::{self, Read, Write},
+    net::TcpStream,
+    sync::Arc,
+    thread::sleep,
+    time::{Duration as WallDuration, Instant as WallInstant},
+};
+
+use firmware_core::{
+    Position,
+    autopilot::{
+        Phase,
+        wire::{Decoder, MAX_FRAME},
+    },
+    console::{
+        self, BoardComputer, CONSOLE_FRAME_MAX, Call, Clock as WhoseClock, Decider, Footprint,
+        Order, Report, Reports, Tick, in_single_precision,
+    },
+    link::FRAME_MAX,
+    onboard::Stage,
+    policy::mlp::Mlp,
+    time::Instant,
+};
+
+use super::{
+    CONNECT_PATIENCE, FailedFlight, FlightError, FlightSettings, Ground, Observer, Stopwatch,
+    autopilot_settings, map_origin,
+};
+use crate::{
+    flight::{Clock, Peer},
+    link::HostPort,
+    record::{FlightEvent, FlightRecord, PathSample},
+    scenario::Scenario,
+    vehicle::Profile,
+    world::World,
+};
+
+/// How long a board may take to be there, and to answer.
+const PATIENCE: WallDuration = WallDuration::from_secs(30);
+
+/// What a board said in a round.
+#[derive(Debug)]
+pub struct Round {
+    /// Frames for the vehicle.
+    mavlink: Vec<Vec<u8>>,
+    /// Bytes for the ground.
+    ground: Vec<u8>,
+    /// What happened, in words.
+    events: Vec<String>,
+    stage: Stage,
+    phase: Phase,
+    place: Option<(Position<f32>, f32)>,
+    broken_off: Option<String>,
+    plan_us: f64,
+    allocate_us: f64,
+}
+
+/// An onboard computer that is told the time.
+pub trait Board: fmt::Debug {
+    /// Takes what came from both sides, goes on, and says what it has to say.
+    ///
+    /// # Errors
+    /// It does not answer.
+    fn round(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round>;
+
+    /// A person asks for the end.
+    ///
+    /// # Errors
+    /// It does not answer.
+    fn stop(&mut self) -> io::Result<()>;
+
+    /// What lies in its memory, where that can be asked.
+    ///
+    /// # Errors
+    /// It does not answer.
+    fn footprint(&mut self) -> io::Result<Option<Footprint>>;
+}
+
+/// What a board is told of a mission.
+pub fn order(scenario: &Scenario, profile: Profile, decider: Decider) -> Order {
+    let flight = autopilot_settings(scenario, profile);
+    let number = |x: f64| x as f32;
+    Order {
+        mission: in_single_precision(scenario.mission.parameters()),
+        map_origin: map_origin(scenario),
+        limits: firmware_core::autopilot::guidance::Limits {
+            speed_mps: number(flight.limits.speed_mps),
+            acceleration_mps2: number(flight.limits.acceleration_mps2),
+            jerk_mps3: number(flight.limits.jerk_mps3),
+        },
+        geofence: flight
+            .geofence
+            .map(|fence| firmware_core::autopilot::Geofence {
+                low: fence.low.map(number),
+                high: fence.high.map(number),
+                ceiling_m: number(fence.ceiling_m),
+            }),
+        ground_patience: flight.watch.ground,
+        decider,
+        clock: WhoseClock::Console,
+    }
+}
+
+/// The computer of a board, in this process.
+#[derive(Debug)]
+pub struct Twin {
+    computer: Box<BoardComputer<Arc<[u8]>>>,
+    stop_asked: bool,
+    broken_off: bool,
+}
+
+impl Twin {
+    /// As the image would be, with this policy in its flash.
+    ///
+    /// # Errors
+    /// Why the order is refused, in words.
+    pub fn new(order: &Order, policy: Option<Arc<[u8]>>) -> Result<Self, String> {
+        let trained = policy.map(Mlp::load).transpose();
+        let trained = trained.map_err(|error| error.to_string())?;
+        let computer = order.commission(trained.as_ref());
+        let mut computer = computer.map_err(|refusal| refusal.to_string())?;
+        computer.autopilot_mut().launch(Instant::ZERO);
+        Ok(Self {
+            computer: Box::new(computer),
+            stop_asked: false,
+            broken_off: false,
+        })
+    }
+}
+
+impl Board for Twin {
+    fn round(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round> {
+        let computer = &mut *self.computer;
+        computer.receive_ground(now, ground);
+        for frame in vehicle {
+            computer.receive_mavlink(now, frame, false);
+        }
+        if std::mem::take(&mut self.stop_asked) {
+            computer.autopilot_mut().stop(now);
+        }
+        let mut stopwatch = Stopwatch::default();
+        computer.poll(now, &mut stopwatch);
+        let mut mavlink = Vec::new();
+        let mut frame = [0; MAX_FRAME];
+        while let Some(frame) = computer.take_mavlink_frame(now, &mut frame) {
+            mavlink.push(frame.to_vec());
+        }
+        let mut ground = Vec::new();
+        let mut frame = [0; FRAME_MAX];
+        while let Some(frame) = computer.take_ground_frame(&mut frame) {
+            ground.extend_from_slice(frame);
+        }
+        let mut events = Vec::new();
+        while let Some(event) = computer.autopilot_mut().take_next_event() {
+            events.push(event.to_string());
+        }
+        let broken_off = (computer.stage() == Stage::Aborted && !self.broken_off).then(|| {
+            let fault = computer.fault().map(|fault| fault.to_string());
+            let client = computer.autopilot();
+            let cause = client.fault().map(|cause| cause.to_string());
+            fault
+                .or(cause)
+                .unwrap_or_else(|| client.phase().to_string())
+        });
+        self.broken_off |= broken_off.is_some();
+        let place = computer.autopilot().position();
+        Ok(Round {
+            mavlink,
+            ground,
+            events,
+            stage: computer.stage(),
+            phase: computer.autopilot().phase(),
+            place: place.map(|sample| (sample.position, sample.altitude_m)),
+            broken_off,
+            plan_us: stopwatch.plan_us.iter().sum(),
+            allocate_us: stopwatch.allocate_us.iter().sum(),
+        })
+    }
+
+    fn stop(&mut self) -> io::Result<()> {
+        self.stop_asked = true;
+        Ok(())
+    }
+
+    fn footprint(&mut self) -> io::Result<Option<Footprint>> {
+        Ok(None)
+    }
+}
+
+/// A byte stream with a count of what passed.
+#[derive(Debug)]
+struct Line {
+    stream: TcpStream,
+    sent: u32,
+    received: u32,
+}
+
+impl Line {
+    fn connect(to: &HostPort, offset: u16) -> io::Result<Self> {
+        let port = to
+            .port
+            .checked_add(offset)
+            .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the ports end at 65535"))?;
+        let begun = WallInstant::now();
+        let stream = loop {
+            match TcpStream::connect((to.host.as_str(), port)) {
+                Ok(stream) => break stream,
+                // The board may still be starting.
+                Err(error) if begun.elapsed() > WallDuration::from_secs(10) => {
+                    return Err(io::Error::new(
+                        error.kind(),
+                        format!("port {port}: {error}"),
+                    ));
+                }
+                Err(_) => sleep(WallDuration::from_millis(50)),
+            }
+        };
+        stream.set_nodelay(true)?;
+        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.set_write_timeout(Some(PATIENCE))?;
+        Ok(Self {
+            stream,
+            sent: 0,
+            received: 0,
+        })
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.stream.write_all(bytes)?;
+        self.sent = self.sent.wrapping_add(bytes.len() as u32);
+        Ok(())
+    }
+
+    /// Waits for some bytes and adds them.
+    fn receive(&mut self, bytes: &mut Vec<u8>) -> io::Result<()> {
+        let mut piece = [0; 1024];
+        match self.stream.read(&mut piece) {
+            Ok(0) => Err(io::Error::new(
+                io::ErrorKind::UnexpectedEof,
+                "the board has hung up",
+            )),
+            Ok(length) => {
+                bytes.extend_from_slice(&piece[..length]);
+                self.received = self.received.wrapping_add(length as u32);
+                Ok(())
+            }
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => Err(io::Error::new(
+                io::ErrorKind::TimedOut,
+                format!("the board has not answered for {} s", PATIENCE.as_secs()),
+            )),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Waits until so many have come in all.
+    fn receive_up_to(&mut self, count: u32) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        while self.received != count {
+            self.receive(&mut bytes)?;
+        }
+        Ok(bytes)
+    }
+}
+
+/// The image at the other end of three TCP connections: QEMU's serial lines.
+#[derive(Debug)]
+pub struct Image {
+    ground: Line,
+    mavlink: Line,
+    console: Line,
+    reports: Reports,
+    /// Reports that have come and were not taken yet.
+    waiting: std::collections::VecDeque<Report>,
+    frames: Decoder,
+}
+
+impl Image {
+    /// Connects to the ground link at a port, MAVLink at the next and the console at the one after
+    /// it, and gives the order.
+    ///
+    /// # Errors
+    /// Nobody there, no answer, an order that is refused: in one line.
+    pub fn connect(to: &HostPort, order: &Order) -> Result<Self, String> {
+        let line = |offset| {
+            Line::connect(to, offset).map_err(|error| format!("tcp:{to}: no board: {error}"))
+        };
+        let mut image = Self {
+            ground: line(0)?,
+            mavlink: line(1)?,
+            console: line(2)?,
+            reports: Reports::default(),
+            waiting: std::collections::VecDeque::new(),
+            frames: Decoder::new(),
+        };
+        let answer = image
+            .call(&Call::Order(order.clone()))
+            .and_then(|()| image.report());
+        match answer {
+            Ok(Report::Ready) => Ok(image),
+            Ok(Report::Refused(why) | Report::BrokenOff(why)) => {
+                Err(format!("tcp:{to}: the board refuses: {why}"))
+            }
+            Ok(other) => Err(format!("tcp:{to}: an answer out of turn: {other:?}")),
+            Err(error) => Err(format!("tcp:{to}: {error}")),
+        }
+    }
+
+    fn call(&mut self, call: &Call) -> io::Result<()> {
+        let mut frame = [0; CONSOLE_FRAME_MAX];
+        let frame = console::encode_call(call, &mut frame).map_err(io::Error::other)?;
+        self.console.send(frame)
+    }
+
+    fn report(&mut self) -> io::Result<Report> {
+        let mut bytes = Vec::new();
+        loop {
+            if let Some(report) = self.waiting.pop_front() {
+                return Ok(report);
+            }
+            bytes.clear();
+            self.console.receive(&mut bytes)?;
+            for &byte in &bytes {
+                match self.reports.push(byte) {
+                    Some(Ok(report)) => self.waiting.push_back(report),
+                    Some(Err(error)) => {
+                        return Err(io::Error::other(format!("console: {error}")));
+                    }
+                    None => {}
+                }
+            }
+        }
+    }
+}
+
+impl Board for Image {
+    fn round(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round> {
+        let vehicle = vehicle.concat();
+        let total = |line: &Line, more: &[u8]| line.sent.wrapping_add(more.len() as u32);
+        self.call(&Call::Tick(Tick {
+            now,
+            ground_bytes: total(&self.ground, ground),
+            mavlink_bytes: total(&self.mavlink, &vehicle),
+        }))?;
+        self.ground.send(ground)?;
+        self.mavlink.send(&vehicle)?;
+        let (mut events, mut broken_off) = (Vec::new(), None);
+        let tock = loop {
+            match self.report()? {
+                Report::Tock(tock) => break tock,
+                Report::Event(words) => events.push(words.as_str().into()),
+                Report::BrokenOff(why) => broken_off = Some(why.as_str().into()),
+                Report::Ready | Report::Refused(_) | Report::Footprint(_) => {}
+            }
+        };
+        let mut mavlink = Vec::new();
+        let bytes = self.mavlink.receive_up_to(tock.mavlink_bytes)?;
+        let mut input = bytes.as_slice();
+        while let Some(frame) = self.frames.next_frame(&mut input) {
+            mavlink.push(frame.bytes().to_vec());
+        }
+        let micros = |nanos: u32| f64::from(nanos) * 1e-3;
+        Ok(Round {
+            mavlink,
+            ground: self.ground.receive_up_to(tock.ground_bytes)?,
+            events,
+            stage: tock.stage,
+            phase: tock.phase,
+            place: tock.place,
+            broken_off,
+            plan_us: micros(tock.cost.plan_ns),
+            allocate_us: micros(tock.cost.allocate_ns),
+        })
+    }
+
+    fn stop(&mut self) -> io::Result<()> {
+        self.call(&Call::Stop)
+    }
+
+    fn footprint(&mut self) -> io::Result<Option<Footprint>> {
+        self.call(&Call::Footprint)?;
+        loop {
+            if let Report::Footprint(footprint) = self.report()? {
+                return Ok(Some(footprint));
+            }
+        }
+    }
+}
+
+/// Flies `scenario` with `board` and the vehicle at the other end of `peer`. The `inner` and
+/// `policy` of the settings are names for the record: the board decides.
+///
+/// # Errors
+/// A board that does not answer, a link that fails, a mission that was broken off.
+pub fn fly(
+    scenario: &Scenario,
+    board: &mut impl Board,
+    settings: &FlightSettings,
+    mut peer: Peer,
+    observer: &mut impl Observer,
+) -> Result<FlightRecord, FailedFlight> {
+    let world = World::new(scenario, settings.seed, settings.symbols_per_slot);
+    let mut flight = BoardFlight {
+        board,
+        ground: Ground::new(world, settings.inner.method(&scenario.mission)),
+        clock: Clock::new(settings.pace),
+        stopwatch: Stopwatch::default(),
+        uplink: Vec::new(),
+        events: Vec::new(),
+        path: Vec::new(),
+        started: None,
+        slots: scenario.mission.slots(),
+        broken_off: None,
+    };
+    let outcome = flight
+        .run(&mut peer, observer)
+        .and_then(|()| Ok(peer.finish()?));
+    let record = FlightRecord {
+        scenario: scenario.clone(),
+        policy: settings.policy.clone(),
+        inner: settings.inner.to_string(),
+        profile: settings.profile.name().into(),
+        seed: settings.seed,
+        link: flight.ground.link(),
+        slots: flight.ground.into_slots(),
+        path: flight.path,
+        events: flight.events,
+    };
+    match outcome {
+        Ok(()) => Ok(record),
+        Err(error) => Err(FailedFlight {
+            error,
+            record: Some(Box::new(record)),
+        }),
+    }
+}
+
+/// A mission under way.
+struct BoardFlight<'b, B> {
+    board: &'b mut B,
+    ground: Ground,
+    clock: Clock,
+    stopwatch: Stopwatch,
+    /// For the board's next round.
+    uplink: Vec<u8>,
+    events: Vec<FlightEvent>,
+    path: Vec<PathSample>,
+    started: Option<Instant>,
+    slots: u32,
+    broken_off: Option<String>,
+}
+
+impl<B: Board> BoardFlight<'_, B> {
+    fn run(&mut self, peer: &mut Peer, observer: &mut impl Observer) -> Result<(), FlightError> {
+        let mut stop_asked = false;
+        loop {
+            let now = self.clock.now();
+            peer.step(now)?;
+            let round = self.exchange(now, peer, observer)?;
+            self.note_path(now, peer, &round);
+            if round.phase.is_final() {
+                return self.verdict(&round);
+            }
+            let waited = now.since(Instant::ZERO);
+            if round.phase == Phase::Connecting && waited > CONNECT_PATIENCE {
+                return Err(FlightError::NobodyThere {
+                    waited_s: waited.as_secs_f64(),
+                    refused: 0,
+                });
+            }
+            if !stop_asked && observer.wants_stop() {
+                stop_asked = true;
+                self.board.stop()?;
+            }
+            self.clock.advance(peer)?;
+        }
+    }
+
+    /// Carries frames both ways until all is said; the last round.
+    fn exchange(
+        &mut self,
+        now: Instant,
+        peer: &mut Peer,
+        observer: &mut impl Observer,
+    ) -> Result<Round, FlightError> {
+        loop {
+            let mut from_vehicle = Vec::new();
+            while let Some(frame) = peer.receive(now)? {
+                from_vehicle.push(frame);
+            }
+            let uplink = std::mem::take(&mut self.uplink);
+            let round = self.board.round(now, &from_vehicle, &uplink)?;
+            self.stopwatch.add(round.plan_us, round.allocate_us);
+            for frame in &round.mavlink {
+                peer.send(now, frame)?;
+            }
+            let done = self.ground.slots().len();
+            self.uplink = self
+                .ground
+                .receive_single(&round.ground, peer.true_position());
+            for slot in self.ground.slots_mut().iter_mut().skip(done) {
+                self.stopwatch.note(slot);
+                observer.slot(slot);
+            }
+            for text in &round.events {
+                let event = FlightEvent {
+                    time_s: now.since(Instant::ZERO).as_secs_f64(),
+                    text: text.clone(),
+                };
+                observer.event(&event);
+                self.events.push(event);
+            }
+            if let Some(why) = &round.broken_off {
+                self.broken_off = Some(why.clone());
+            }
+            let said = !(round.mavlink.is_empty() && round.ground.is_empty());
+            if !said && from_vehicle.is_empty() && uplink.is_empty() {
+                return Ok(round);
+            }
+        }
+    }
+
+    fn note_path(&mut self, now: Instant, peer: &Peer, round: &Round) {
+        if !matches!(round.stage, Stage::Flying | Stage::Measuring) {
+            return;
+        }
+        let started = *self.started.get_or_insert(now);
+        let truth = peer
+            .true_position()
+            .map(|place| (place, peer.altitude_m().unwrap_or_default()));
+        let measured = round
+            .place
+            .map(|(place, altitude_m)| (place.map(f64::from), f64::from(altitude_m)));
+        if let Some((position, altitude_m)) = truth.or(measured) {
+            self.path.push(PathSample {
+                time_s: now.since(started).as_secs_f64(),
+                position,
+                altitude_m,
+            });
+        }
+    }
+
+    fn verdict(&self, round: &Round) -> Result<(), FlightError> {
+        if round.stage == Stage::Completed {
+            return Ok(());
+        }
+        Err(FlightError::BrokenOff {
+            slots_done: self.ground.slots().len(),
+            slots: self.slots,
+            reason: self
+                .broken_off
+                .clone()
+                .unwrap_or_else(|| round.phase.to_string()),
+        })
+    }
+}

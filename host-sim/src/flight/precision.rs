@@ -1,0 +1,72 @@
+//! The ground link's messages between a board's precision and ours.
+
+use firmware_core::{
+    PowerGain, SENSORS_MAX, Scalar, USERS_MAX, Watt,
+    controller::{ChannelState, Plan, SlotCommand},
+    inner::Status,
+    link::Arrival,
+};
+
+fn convert<T: Scalar, U: Scalar>(x: T) -> U {
+    U::of(x.to_f64())
+}
+
+/// An arrival in our precision.
+pub(super) fn arrival(from: &Arrival<f32>) -> Arrival<f64> {
+    Arrival {
+        plan: Plan {
+            slot: from.plan.slot,
+            waypoint: from.plan.waypoint.map(convert),
+            served_user: from.plan.served_user,
+            intervention: from.plan.intervention,
+        },
+        position: from.position.map(convert),
+    }
+}
+
+/// A command in our precision.
+pub(super) fn command(from: &SlotCommand<f32, SENSORS_MAX>) -> SlotCommand<f64, SENSORS_MAX> {
+    SlotCommand {
+        slot: from.slot,
+        served_user: from.served_user,
+        user_power: Watt(convert(from.user_power.0)),
+        sensor_coefficients: from
+            .sensor_coefficients
+            .iter()
+            .copied()
+            .map(convert)
+            .collect(),
+        normalizing_factor: convert(from.normalizing_factor),
+        rate: convert(from.rate),
+        mse: convert(from.mse),
+        status: status(from.status),
+        source: from.source,
+        age_slots: from.age_slots,
+        rejected_gains: from.rejected_gains,
+        unheard_sensors: from.unheard_sensors,
+    }
+}
+
+fn status(from: Status<f32>) -> Status<f64> {
+    match from {
+        Status::Optimal { limited_by } => Status::Optimal { limited_by },
+        Status::Infeasible { least_mse } => Status::Infeasible {
+            least_mse: convert(least_mse),
+        },
+        Status::Converged { limited_by } => Status::Converged { limited_by },
+        Status::IterationLimit { limited_by } => Status::IterationLimit { limited_by },
+        Status::Guaranteed { limited_by } => Status::Guaranteed { limited_by },
+    }
+}
+
+/// Channels in the board's precision.
+pub(super) fn channel_state(
+    from: &ChannelState<f64, USERS_MAX, SENSORS_MAX>,
+) -> ChannelState<f32, USERS_MAX, SENSORS_MAX> {
+    let gain = |gain: &PowerGain<f64>| PowerGain(convert(gain.0));
+    ChannelState {
+        slot: from.slot,
+        user_gains: from.user_gains.iter().map(gain).collect(),
+        sensor_gains: from.sensor_gains.iter().map(gain).collect(),
+    }
+}

@@ -1,0 +1,61 @@
+//! A mission with the board's computer, in single precision and stepped from outside as QEMU's is.
+
+use firmware_core::console::Decider;
+use host_sim::{
+    allocation::Allocation,
+    flight::{
+        self, FlightSettings, Pace, Peer,
+        board::{Twin, fly, order},
+    },
+    record::FlightRecord,
+    scenario::Scenario,
+    vehicle::{Profile, Vehicle},
+};
+
+fn flown(scenario: &Scenario) -> FlightRecord {
+    let settings = FlightSettings {
+        policy: "straight-line".into(),
+        inner: Allocation::Exact,
+        profile: Profile::Ideal,
+        pace: Pace::Max,
+        seed: 1,
+        symbols_per_slot: 10,
+    };
+    let order = order(scenario, settings.profile, Decider::StraightLine);
+    let mut twin = Twin::new(&order, None).expect("an order that can be flown");
+    let vehicle = flight::vehicle_settings(scenario, settings.profile);
+    let peer = Peer::built_in(Vehicle::new(vehicle));
+    fly(scenario, &mut twin, &settings, peer, &mut ()).expect("flown")
+}
+
+#[test]
+fn a_mission_in_single_precision_arrives_and_is_the_same_each_time() {
+    let scenario = Scenario::shipped("separated").expect("shipped");
+    let record = flown(&scenario);
+    let summary = record.summary();
+    assert!(summary.arrived && summary.fair, "{summary:?}");
+    assert_eq!(
+        (summary.mse_violations, summary.constraint_violations),
+        (0, 0)
+    );
+    assert_eq!(record.slots.len(), 60);
+    assert!(record.slots.iter().all(|slot| slot.age_slots == 0));
+    let again = flown(&scenario).slots;
+    for (one, other) in record.slots.iter().zip(&again) {
+        assert_eq!(
+            (one.planned, one.served_user),
+            (other.planned, other.served_user)
+        );
+        assert_eq!(one.rate.to_bits(), other.rate.to_bits());
+    }
+}
+
+#[test]
+fn an_order_without_its_policy_is_refused() {
+    let scenario = Scenario::shipped("separated").expect("shipped");
+    let order = order(&scenario, Profile::Ideal, Decider::Trained);
+    let refusal = Twin::new(&order, None).expect_err("no policy");
+    assert_eq!(refusal, "there is no trained policy here");
+    let refusal = Twin::new(&order, Some((*b"ONNX").into())).expect_err("no policy");
+    assert!(refusal.contains("UAVP"), "{refusal}");
+}

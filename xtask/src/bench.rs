@@ -1,0 +1,284 @@
+//! What the image costs, measured in QEMU and read from its ELF: a table in docs/target.md, and a
+//! gate against growth.
+
+use std::{
+    collections::BTreeMap,
+    fmt::Write as _,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::{
+    build::{self, BuildArguments, Images},
+    elf::Sizes,
+    hil::{self, Flight},
+    qemu::{self, Board},
+    tools::Compiler,
+};
+
+/// How much a figure may grow over the baseline.
+const GROWTH: f64 = 0.03;
+
+const BEGIN: &str = "<!-- cargo xtask firmware bench: begin -->";
+const END: &str = "<!-- cargo xtask firmware bench: end -->";
+
+/// What to measure.
+#[derive(Debug, Args)]
+pub(crate) struct BenchArguments {
+    #[command(flatten)]
+    build: BuildArguments,
+    /// Take these figures as the new baseline
+    #[arg(long)]
+    accept: bool,
+}
+
+/// One figure of the table.
+#[derive(Debug)]
+struct Figure {
+    name: &'static str,
+    unit: &'static str,
+    value: u64,
+    /// Over all slots, where there are some.
+    mean: Option<u64>,
+    aim: Option<u64>,
+}
+
+/// Parts of a slot as the bench names them, what they are, and what they should cost at most.
+const PARTS: [(&str, &str, Option<u64>); 9] = [
+    ("link decode", "ground link: a channel state decoded", None),
+    ("allocate", "allocate, exact, J = 36", Some(12_000)),
+    (
+        "command encode",
+        "ground link: a slot command encoded",
+        None,
+    ),
+    ("plan", "plan: network and shield", None),
+    (
+        "plan: MLP",
+        "of that, the network (19-128-128-17)",
+        Some(80_000),
+    ),
+    (
+        "plan: shield",
+        "of that, the shield and the slot's bookkeeping",
+        None,
+    ),
+    ("MAVLink encode", "MAVLink: a setpoint encoded", None),
+    ("MAVLink decode", "MAVLink: a position decoded", None),
+    (
+        "slot",
+        "a whole slot: all of the above but the last, and an arrival",
+        Some(120_000),
+    ),
+];
+
+/// Measures, writes the table, compares.
+pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
+    let images = build::run(root, &arguments.build)?;
+    let mut figures = instructions(root, &images)?;
+    figures.extend(bytes(root, &images, &arguments.build)?);
+    let compiler = Compiler::find(root)?.version(root)?;
+    let table = table(&figures, &compiler)?;
+    println!("{table}");
+    write_table(&root.join("docs/target.md"), &table)?;
+    let baseline = root.join("firmware/baseline.json");
+    if arguments.accept {
+        return accept(&baseline, &figures, &compiler);
+    }
+    compare(&baseline, &figures, &compiler)
+}
+
+/// The bench image's lines.
+fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
+    let output = qemu::run_to_end(root, &images.bench)?;
+    let said = String::from_utf8(output.stdout)?;
+    ensure!(
+        output.status.success(),
+        "the bench ended with {}: {said}",
+        output.status
+    );
+    let mut lines = BTreeMap::new();
+    for line in said.lines() {
+        let line: Value = serde_json::from_str(line).with_context(|| line.to_owned())?;
+        let name = line["part"].as_str().context("a line without its part")?;
+        lines.insert(name.to_owned(), line);
+    }
+    PARTS
+        .into_iter()
+        .map(|(part, name, aim)| {
+            let line = lines
+                .get(part)
+                .with_context(|| format!("nothing about {part}"))?;
+            let number = |key: &str| {
+                line[key]
+                    .as_u64()
+                    .with_context(|| format!("{part}: no {key}"))
+            };
+            ensure!(
+                number("count")? >= 10_000,
+                "{part}: fewer than 10,000 slots"
+            );
+            Ok(Figure {
+                name,
+                unit: "instructions",
+                value: number("worst")?,
+                mean: Some(number("mean")?),
+                aim,
+            })
+        })
+        .collect()
+}
+
+/// Flash from the ELF; stack from a flight.
+fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec<Figure>> {
+    let sizes = Sizes::read(&images.controller)?;
+    let weights = fs::metadata(&images.policy)?.len();
+    let statics = u64::from(sizes.data) + u64::from(sizes.bss);
+    let stack = stack_bytes(root, images, arguments)?;
+    let figure = |name, value, aim| Figure {
+        name,
+        unit: "bytes",
+        value,
+        mean: None,
+        aim,
+    };
+    let code = u64::from(sizes.text) + u64::from(sizes.rodata) + u64::from(sizes.data) - weights;
+    Ok(vec![
+        figure("flash: .text and vectors", sizes.text.into(), None),
+        figure("flash: .rodata, policy included", sizes.rodata.into(), None),
+        figure("flash: the policy", weights, None),
+        figure("flash in all, without the policy", code, Some(96 * 1024)),
+        figure("RAM: .data", sizes.data.into(), None),
+        figure("RAM: .bss and .uninit", sizes.bss.into(), None),
+        figure("RAM: stack, the most of a flight", stack, None),
+        figure("RAM in all", statics + stack, Some(32 * 1024)),
+    ])
+}
+
+/// The most stack that a whole mission needs, from take-off to landing.
+fn stack_bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<u64> {
+    let host = hil::host(root, arguments)?;
+    let out: PathBuf = build::folder(root).join("bench");
+    let board = Board::start(root, &images.controller, false)?;
+    let there = format!("tcp:127.0.0.1:{}", board.port);
+    let output = Command::new(host)
+        .current_dir(root)
+        .args(["run", "--json", "--controller", &there, "--out"])
+        .arg(&out)
+        .output()?;
+    let flight = Flight::of(&output, &out)?;
+    let said = flight.note.split("board: ").nth(1);
+    let bytes = said.and_then(|said| said.split(' ').next());
+    let bytes = bytes.with_context(|| format!("no stack in {:?}", flight.note))?;
+    ensure!(
+        flight.note.contains("0 bytes lost, 0 frames unsent"),
+        "the board's queues were too short: {}",
+        flight.note
+    );
+    Ok(bytes.parse()?)
+}
+
+/// 12345678 as 12,345,678.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut grouped = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            grouped.push(',');
+        }
+        grouped.push(digit);
+    }
+    grouped
+}
+
+fn table(figures: &[Figure], compiler: &str) -> Result<String> {
+    let mut table = String::new();
+    writeln!(table, "| | worst | mean | aim |\n|---|--:|--:|--:|")?;
+    for figure in figures {
+        let optional = |number: Option<u64>| number.map(grouped).unwrap_or_default();
+        writeln!(
+            table,
+            "| {} | {} {} | {} | {} |",
+            figure.name,
+            grouped(figure.value),
+            figure.unit,
+            optional(figure.mean),
+            optional(figure.aim),
+        )?;
+    }
+    write!(table, "\nMeasured with {compiler}.")?;
+    Ok(table)
+}
+
+fn write_table(path: &Path, table: &str) -> Result<()> {
+    let page = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let place = || {
+        let (before, rest) = page.split_once(BEGIN)?;
+        let (_, after) = rest.split_once(END)?;
+        Some((before, after))
+    };
+    let (before, after) =
+        place().with_context(|| format!("{}: no {BEGIN} and {END}", path.display()))?;
+    let page = format!("{before}{BEGIN}\n{table}\n{END}{after}");
+    fs::write(path, page).with_context(|| path.display().to_string())
+}
+
+fn accept(path: &Path, figures: &[Figure], compiler: &str) -> Result<()> {
+    let values: BTreeMap<_, _> = figures
+        .iter()
+        .map(|figure| (figure.name, figure.value))
+        .collect();
+    let baseline = json!({ "compiler": compiler, "figures": values });
+    fs::write(path, serde_json::to_string_pretty(&baseline)? + "\n")?;
+    println!("{}: written", path.display());
+    Ok(())
+}
+
+fn compare(path: &Path, figures: &[Figure], compiler: &str) -> Result<()> {
+    let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let baseline: Value =
+        serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+    let mut grown = Vec::new();
+    for figure in figures {
+        let known = baseline["figures"][figure.name].as_f64();
+        let known = known.with_context(|| {
+            format!(
+                "{}: nothing about {:?}; --accept writes it anew",
+                path.display(),
+                figure.name
+            )
+        })?;
+        let growth = figure.value as f64 / known - 1.0;
+        if growth > GROWTH {
+            grown.push(format!(
+                "{}: {} {}, {:.1} % over {}",
+                figure.name,
+                grouped(figure.value),
+                figure.unit,
+                100.0 * growth,
+                grouped(known as u64)
+            ));
+        }
+    }
+    if grown.is_empty() {
+        println!("no figure has grown by more than {} %", 100.0 * GROWTH);
+        return Ok(());
+    }
+    let than = baseline["compiler"].as_str().unwrap_or_default();
+    if than != compiler {
+        println!("measured with {compiler}, but the baseline with {than}: not compared");
+        println!("{}", grown.join("\n"));
+        return Ok(());
+    }
+    bail!(
+        "grown by more than {} % over {} (if that is meant: --accept):\n{}",
+        100.0 * GROWTH,
+        path.display(),
+        grown.join("\n")
+    )
+}

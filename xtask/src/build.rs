@@ -1,0 +1,118 @@
+//! Builds the image around a trained policy.
+
+use std::{
+    env,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+
+use crate::{
+    elf,
+    tools::{Compiler, TARGET},
+};
+
+/// What goes into the image.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct BuildArguments {
+    /// The policy: .onnx, or .policy as `trainer convert` writes it
+    #[arg(long, default_value = "models/separated-sac.onnx", value_name = "FILE")]
+    pub(crate) policy: PathBuf,
+    /// A host-sim that is built already; otherwise it is built as by `cargo run --release`
+    #[arg(long, value_name = "FILE")]
+    pub(crate) host_sim: Option<PathBuf>,
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub(crate) struct Images {
+    /// The image that flies.
+    pub(crate) controller: PathBuf,
+    /// The image that measures.
+    pub(crate) bench: PathBuf,
+    /// The policy in both.
+    pub(crate) policy: PathBuf,
+}
+
+/// Where everything goes.
+pub(crate) fn folder(root: &Path) -> PathBuf {
+    root.join("target/firmware")
+}
+
+/// Builds both images.
+pub(crate) fn run(root: &Path, arguments: &BuildArguments) -> Result<Images> {
+    let compiler = Compiler::find(root)?;
+    let folder = folder(root);
+    std::fs::create_dir_all(&folder)?;
+    let policy = converted(root, &arguments.policy)?;
+    let mut cargo = cargo();
+    cargo
+        .args(["build", "--release", "--locked"])
+        .current_dir(root.join("firmware"))
+        .env("CARGO_TARGET_DIR", &folder)
+        .env("FIRMWARE_POLICY", &policy);
+    compiler.prepare(&mut cargo);
+    complete(&mut cargo)?;
+    let built = folder.join(TARGET).join("release");
+    let images = Images {
+        controller: built.join("controller"),
+        bench: built.join("bench"),
+        policy,
+    };
+    let sizes = elf::Sizes::read(&images.controller)?;
+    println!(
+        "{}: {} B code, {} B constants, {} B of statics",
+        images.controller.display(),
+        sizes.text,
+        sizes.rodata,
+        sizes.data + sizes.bss
+    );
+    Ok(images)
+}
+
+/// The policy in the microcontroller's form.
+fn converted(root: &Path, policy: &Path) -> Result<PathBuf> {
+    let policy = root.join(policy);
+    ensure!(
+        policy.is_file(),
+        "--policy {}: no such file",
+        policy.display()
+    );
+    if policy.extension().is_some_and(|kind| kind == "policy") {
+        return Ok(policy);
+    }
+    let to = folder(root).join("trained.policy");
+    let mut cargo = cargo();
+    cargo
+        .current_dir(root)
+        .args([
+            "run",
+            "--release",
+            "--quiet",
+            "--package",
+            "trainer",
+            "--",
+            "convert",
+        ])
+        .arg(&policy)
+        .arg(&to);
+    complete(&mut cargo)?;
+    Ok(to)
+}
+
+/// The cargo that runs us.
+pub(crate) fn cargo() -> Command {
+    Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+}
+
+/// Runs to the end, and well.
+pub(crate) fn complete(command: &mut Command) -> Result<()> {
+    let program = command.get_program().display().to_string();
+    let status = command
+        .status()
+        .with_context(|| format!("{program} does not run"))?;
+    ensure!(status.success(), "{command:?}: {status}");
+    Ok(())
+}

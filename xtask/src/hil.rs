@@ -1,0 +1,229 @@
+//! Hardware in the loop: a mission whose controller is the image in QEMU, beside the same mission
+//! in this machine's process in the same precision. Way-points and users must be equal, rates
+//! within [`RATE_TOLERANCE`]; and an image with a damaged policy must refuse to fly.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+    time::Instant,
+};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use serde_json::Value;
+
+use crate::{
+    build::{self, BuildArguments, Images},
+    qemu::{self, Board},
+};
+
+/// How far apart rates may be, bit/s/Hz.
+const RATE_TOLERANCE: f64 = 1e-4;
+
+/// What is flown.
+#[derive(Debug, Args)]
+pub(crate) struct HilArguments {
+    #[command(flatten)]
+    build: BuildArguments,
+    /// The mission: as `host-sim run --scenario` takes it
+    #[arg(long, default_value = "separated")]
+    scenario: String,
+    /// More options of `host-sim run`, for both flights: -- --profile multirotor
+    #[arg(last = true)]
+    more: Vec<String>,
+}
+
+/// Flies both and compares.
+pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
+    let images = build::run(root, &arguments.build)?;
+    let host = host(root, &arguments.build)?;
+    refuses_damage(root, &images)?;
+    let out = build::folder(root).join("hil");
+    let fly = |name: &str, controller: &[&str]| {
+        let begun = Instant::now();
+        let mut run = Command::new(&host);
+        run.current_dir(root)
+            .args(["run", "--json", "--scenario", &arguments.scenario])
+            .args(controller)
+            .args(&arguments.more)
+            .arg("--out")
+            .arg(out.join(name));
+        let flight = Flight::of(&run.output()?, &out.join(name)).context(name.to_owned())?;
+        println!(
+            "{name}: {} slots, {:.3} bit/s/Hz, {:.1} m from the destination, {:.1} s{}",
+            flight.slots.len(),
+            flight.sum_rate,
+            flight.arrival_distance_m,
+            begun.elapsed().as_secs_f64(),
+            flight.note
+        );
+        anyhow::Ok(flight)
+    };
+    let policy = images.policy.display().to_string();
+    let own = fly(
+        "in-process",
+        &[
+            "--controller",
+            "in-process",
+            "--precision",
+            "f32",
+            "--policy",
+            &policy,
+        ],
+    )?;
+    let board = Board::start(root, &images.controller, false)?;
+    let there = format!("tcp:127.0.0.1:{}", board.port);
+    let image = fly("image", &["--controller", &there])?;
+    drop(board);
+    compare(&image, &own)
+}
+
+/// The simulator, built.
+pub(crate) fn host(root: &Path, arguments: &BuildArguments) -> Result<PathBuf> {
+    if let Some(built) = &arguments.host_sim {
+        return Ok(root.join(built));
+    }
+    let mut cargo = build::cargo();
+    cargo
+        .current_dir(root)
+        .args(["build", "--release", "--quiet", "--package", "host-sim"]);
+    build::complete(&mut cargo)?;
+    Ok(root.join("target/release/host-sim"))
+}
+
+/// What came of a flight.
+#[derive(Debug)]
+pub(crate) struct Flight {
+    pub(crate) slots: Vec<Slot>,
+    pub(crate) sum_rate: f64,
+    pub(crate) arrival_distance_m: f64,
+    /// What was said on standard error.
+    pub(crate) note: String,
+}
+
+/// A row of slots.csv.
+#[derive(Debug)]
+pub(crate) struct Slot {
+    user: String,
+    /// The way-point as it is written.
+    planned: [String; 2],
+    rate: f64,
+}
+
+impl Flight {
+    /// Of a run that must have arrived, fair, with no slot less accurate than asked.
+    pub(crate) fn of(output: &Output, out: &Path) -> Result<Self> {
+        let note = String::from_utf8_lossy(&output.stderr)
+            .trim()
+            .replace('\n', "; ");
+        ensure!(output.status.success(), "{note}");
+        let summary: Value = serde_json::from_slice(&output.stdout).context("summary.json")?;
+        for (key, wanted) in [("arrived", true), ("fair", true)] {
+            ensure!(summary[key] == wanted, "{key} is {}", summary[key]);
+        }
+        for key in ["mse_violations", "constraint_violations"] {
+            ensure!(summary[key] == 0, "{key}: {}", summary[key]);
+        }
+        let number = |key: &str| summary[key].as_f64().with_context(|| format!("no {key}"));
+        Ok(Self {
+            slots: slots(&out.join("slots.csv"))?,
+            sum_rate: number("sum_rate")?,
+            arrival_distance_m: number("arrival_distance_m")?,
+            note: if note.is_empty() {
+                note
+            } else {
+                format!("; {note}")
+            },
+        })
+    }
+}
+
+fn slots(path: &Path) -> Result<Vec<Slot>> {
+    let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines
+        .next()
+        .context("an empty slots.csv")?
+        .split(',')
+        .collect();
+    let column = |name: &str| {
+        let found = names.iter().position(|&known| known == name);
+        found.with_context(|| format!("slots.csv has no column {name}"))
+    };
+    let columns = [
+        "served_user",
+        "planned_east_m",
+        "planned_north_m",
+        "rate_bit_s_hz",
+    ]
+    .map(column);
+    let [user, x, y, rate] = columns;
+    let (user, x, y, rate) = (user?, x?, y?, rate?);
+    lines
+        .map(|line| {
+            let cells: Vec<&str> = line.split(',').collect();
+            let cell = |at: usize| cells.get(at).copied().context("a short row");
+            Ok(Slot {
+                user: cell(user)?.to_owned(),
+                planned: [cell(x)?.to_owned(), cell(y)?.to_owned()],
+                rate: cell(rate)?.parse()?,
+            })
+        })
+        .collect()
+}
+
+fn compare(image: &Flight, own: &Flight) -> Result<()> {
+    ensure!(
+        image.slots.len() == own.slots.len(),
+        "the image flew {} slots, this process {}",
+        image.slots.len(),
+        own.slots.len()
+    );
+    let mut furthest: f64 = 0.0;
+    for (index, (image, own)) in image.slots.iter().zip(&own.slots).enumerate() {
+        let slot = index + 1;
+        let same = image.planned == own.planned && image.user == own.user;
+        ensure!(
+            same,
+            "slot {slot}: the image flies to {:?} and serves {}, this process {:?} and {}",
+            image.planned,
+            image.user,
+            own.planned,
+            own.user
+        );
+        furthest = furthest.max((image.rate - own.rate).abs());
+    }
+    ensure!(
+        furthest <= RATE_TOLERANCE,
+        "rates are up to {furthest} apart, more than {RATE_TOLERANCE}"
+    );
+    println!(
+        "{} slots: way-points and users equal, rates within {furthest:.1e} bit/s/Hz",
+        image.slots.len()
+    );
+    Ok(())
+}
+
+/// A bit of the policy is flipped in the image's flash: it must say so and end as a failure.
+fn refuses_damage(root: &Path, images: &Images) -> Result<()> {
+    let policy = fs::read(&images.policy)?;
+    let mut image = fs::read(&images.controller)?;
+    let at = image
+        .windows(policy.len())
+        .position(|window| window == policy)
+        .context("the image does not hold its policy")?;
+    image[at + policy.len() / 2] ^= 4;
+    let damaged = build::folder(root).join("damaged");
+    fs::write(&damaged, image)?;
+    let output = qemu::run_to_end(root, &damaged)?;
+    let said = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    if output.status.code() != Some(1) || !said.contains("checksum") {
+        bail!(
+            "an image with a damaged policy ended with {} and said {said:?}",
+            output.status
+        );
+    }
+    println!("a damaged policy is refused: {said}");
+    Ok(())
+}

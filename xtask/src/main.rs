@@ -1,0 +1,72 @@
+//! `cargo xtask`: developer commands that need more than cargo.
+//!
+//! `cargo xtask firmware build|bench|hil` makes the microcontroller image, measures what it costs,
+//! and flies a mission with it in QEMU. docs/target.md says what for.
+
+mod bench;
+mod build;
+mod elf;
+mod hil;
+mod qemu;
+mod tools;
+
+use std::{
+    env,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+
+/// Developer commands that need more than cargo
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// The microcontroller image
+    #[command(subcommand)]
+    Firmware(Firmware),
+}
+
+#[derive(Debug, Subcommand)]
+enum Firmware {
+    /// Build the image around a trained policy
+    Build(build::BuildArguments),
+    /// Measure the image in instructions and bytes, write docs/target.md's table, and fail where
+    /// a figure has grown by more than 3 % over firmware/baseline.json
+    Bench(bench::BenchArguments),
+    /// Fly a mission whose controller is the image in QEMU, and the same in this machine's
+    /// process; fail where they differ
+    Hil(hil::HilArguments),
+}
+
+fn main() -> ExitCode {
+    let Command::Firmware(command) = Arguments::parse().command;
+    let done = root().and_then(|root| match command {
+        Firmware::Build(arguments) => build::run(&root, &arguments).map(drop),
+        Firmware::Bench(arguments) => bench::run(&root, &arguments),
+        Firmware::Hil(arguments) => hil::run(&root, &arguments),
+    });
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The workspace's folder.
+fn root() -> Result<PathBuf> {
+    let own = env::var_os("CARGO_MANIFEST_DIR").context("run me as `cargo xtask`")?;
+    let root = Path::new(&own)
+        .parent()
+        .context("xtask lies in the workspace")?;
+    Ok(root.to_owned())
+}
