@@ -199,3 +199,44 @@ fn what_is_missing_is_named_with_the_way_to_get_it() {
     );
     assert!(problem.contains("--train"), "{problem}");
 }
+
+/// A stand-in for the trainer: writes down how it was called, and leaves a shipped policy.
+#[cfg(unix)]
+#[test]
+fn what_is_missing_is_trained_once() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().expect("a directory");
+    let calls = folder.path().join("calls");
+    let policy = repository().join("models/mixed-ddpg.onnx");
+    let script = format!(
+        "#!/bin/sh\necho \"$@\" >> '{}'\nwhile [ \"$1\" != --out ]; do shift; done\n\
+         mkdir -p \"$2\" && cp '{}' \"$2/policy.onnx\"\n",
+        calls.display(),
+        policy.display()
+    );
+    let trainer = folder.path().join("trainer");
+    fs::write(&trainer, script).expect("written");
+    fs::set_permissions(&trainer, fs::Permissions::from_mode(0o755)).expect("allowed");
+    let out = folder.path().join("out");
+    let settings = Settings {
+        trainer: Some(trainer),
+        ..settings(&out, folder.path().to_owned())
+    };
+    let laboratory = Laboratory::open(settings, &()).expect("nothing to read");
+    let training = Training::new(
+        Cell::table_one(Topology::Mixed).lasting(70),
+        Learner::Ddpg,
+        1,
+    );
+    for _ in 0..2 {
+        let files = laboratory.policies(&[training]).expect("trained");
+        assert_eq!(files, [out.join(format!("policies/{training}.onnx"))]);
+        assert_eq!(fs::read(&files[0]).ok(), fs::read(&policy).ok());
+    }
+    let calls = fs::read_to_string(&calls).expect("called");
+    assert_eq!(calls.lines().count(), 1, "{calls}");
+    assert!(
+        calls.contains("mixed-t70-n95.toml --mse-threshold 0.015 --algorithm ddpg"),
+        "{calls}"
+    );
+}

@@ -132,7 +132,11 @@ pub(super) fn figure(rows: &[CurveRow]) -> Figure {
     let runs = rows.iter().map(|row| row.runs).max().unwrap_or(0);
     Figure {
         panels: vec![Panel {
-            title: format!("SAC, separated topology: mean and 95 % interval of {runs} seeds"),
+            title: match runs {
+                1 => "SAC, separated topology: one seed each".into(),
+                2 => "SAC, separated topology: mean of two seeds".into(),
+                _ => format!("SAC, separated topology: mean and 95 % interval of {runs} seeds"),
+            },
             x: Axis {
                 label: "episode".into(),
                 from: 0.0,
@@ -212,6 +216,7 @@ pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
         (at(LEARNING_RATES[0]), at(TABLE_ONE), at(LEARNING_RATES[3]));
     let patience =
         |course: Option<&Course>| course.and_then(|course| course.settled).unwrap_or(u32::MAX);
+    let runs = rows.iter().map(|row| row.runs).max().unwrap_or(0);
     let mut converged = Tally::default();
     converged.add(table_one.is_some_and(|course| course.complete && course.settled.is_some()));
     let slow = patience(slowest) > patience(table_one);
@@ -249,13 +254,18 @@ pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
             "A learning rate that is too large fluctuates and may miss the optimum or diverge.",
             Verdict::of(usize::from(rough) + usize::from(worse), 2),
             format!(
-                "Standard deviation of the curve over its second half: {}.",
+                "Standard deviation of the curve over its second half, of {runs} seed(s) each: {}.",
                 describe(&|course| match course.complete {
                     true => format!("{:.2}", course.unrest),
                     false => "broken off: a loss beyond its limit".into(),
                 })
             ),
-            "",
+            match courses.iter().all(|course| course.complete) {
+                true => {
+                    "No rate up to ten times Table I's is too large for this mission to break off."
+                }
+                false => "",
+            },
         ),
     ]
 }

@@ -113,7 +113,7 @@ pub fn results(directory: &Path, figures: &str) -> Result<String, String> {
          --results docs/results.md` flies\nthe shipped policies and writes this page, the \
          drawings and their CSV files. Nothing here is typed by hand.\nThe paper prints no \
          values, no layouts and no seeds, so its claims are compared, not its numbers: \
-         {} agree,\n{} agree in part, {} differ, {} stay open.\n\n\
+         agree: {},\nin part: {}, differ: {}, open: {}.\n\n\
          SAC is the trainer's preset `tuned`; \"SAC, Table I\" and DDPG have the paper's \
          settings. Where several seeds were\nflown, the mean is given with its 95 % interval \
          (Student's t). Rates are totals over the mission in bit/s/Hz.\n",
