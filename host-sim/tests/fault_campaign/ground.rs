@@ -1,0 +1,174 @@
+//! Who the onboard computer flies for: a mission, a policy, and a ground with true channels.
+
+use firmware_core::{
+    Mission, Position, PowerGain, SENSORS_MAX, USERS_MAX, Watt,
+    controller::{ChannelState, SlotCommand},
+    link::{self, Decoder, FRAME_MAX, Message},
+    mission::{Area, Environment, ExcessLoss, MEASUREMENT_M, MissionParameters},
+    policy::{Action, Observation, Policy},
+};
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+
+pub(crate) type HostMission = Mission<f64, USERS_MAX, SENSORS_MAX>;
+pub(crate) type HostState = ChannelState<f64, USERS_MAX, SENSORS_MAX>;
+pub(crate) type HostMessage = Message<f64, USERS_MAX, SENSORS_MAX>;
+pub(crate) type HostCommand = SlotCommand<f64, SENSORS_MAX>;
+
+pub(crate) fn mission(random: &mut Pcg64Mcg, slots: u32) -> HostMission {
+    let (east_m, north_m) = (300.0, 200.0);
+    let mut place = || {
+        Position::new(
+            random.random_range(0.0..=east_m),
+            random.random_range(0.0..=north_m),
+        )
+    };
+    let (start, destination) = (place(), place());
+    let (users, sensors) = (random.random_range(1..=6), random.random_range(1..=14));
+    let share = random.random_range(0.3..0.9);
+    let mut places = |count: usize| {
+        let mut place = || {
+            Position::new(
+                random.random_range(0.0..=east_m),
+                random.random_range(0.0..=north_m),
+            )
+        };
+        (0..count).map(|_| place()).collect::<Vec<_>>()
+    };
+    Mission::new(MissionParameters {
+        slots,
+        slot_duration_s: 0.1,
+        start,
+        destination,
+        area: Area { east_m, north_m },
+        altitude_m: 30.0,
+        max_speed_mps: 30.0,
+        carrier_hz: 2e9,
+        environment: Environment { a: 9.613, b: 0.158 },
+        excess_loss_db: ExcessLoss {
+            los: 1.0,
+            nlos: 20.0,
+        },
+        noise_power: Watt::from_dbm(-90.0),
+        mse_threshold: share / sensors as f64,
+        user_power_max: Watt(0.2),
+        sensor_power_max: Watt(0.05),
+        users: places(users).into_iter().collect(),
+        sensors: places(sensors).into_iter().collect(),
+    })
+    .unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Wanders, and sometimes says what no policy should.
+pub(crate) struct Wanderer(pub(crate) Pcg64Mcg);
+
+impl Policy<f64, USERS_MAX> for Wanderer {
+    fn decide(&mut self, observation: &Observation<'_, f64>) -> Action<f64, USERS_MAX> {
+        let random = &mut self.0;
+        let mut number = |most: f64| match random.random_range(0..40) {
+            0 => f64::NAN,
+            _ => random.random_range(-most..=most),
+        };
+        Action {
+            displacement: [number(3.0), number(3.0)].into(),
+            user_scores: observation.counts.iter().map(|_| number(1.0)).collect(),
+        }
+    }
+}
+
+/// A link's gain is the model's times a factor, as seen from a place that strays.
+#[derive(Clone, Copy)]
+struct Truth {
+    ground: Position<f64>,
+    factor: f64,
+    /// How much further away the vehicle seems than it is, metres.
+    strayed_m: f64,
+}
+
+impl Truth {
+    fn gain(&self, mission: &HostMission, over: &Position<f64>) -> PowerGain<f64> {
+        let area = &mission.parameters().area;
+        let far = Position::new(
+            self.ground.x.max(area.east_m - self.ground.x),
+            self.ground.y.max(area.north_m - self.ground.y),
+        );
+        let seems_m = ((over - self.ground).norm() + self.strayed_m).max(0.0);
+        let across = mission
+            .channel()
+            .power_gain_across(seems_m.min(far.coords.norm()));
+        PowerGain(self.factor * across.0)
+    }
+}
+
+/// The ground: true channels, and what was heard. Links change as fast as the controller takes
+/// them to at most, each its own way.
+pub(crate) struct Ground {
+    mission: HostMission,
+    links: Vec<Truth>,
+    random: Pcg64Mcg,
+    decoder: Decoder,
+    pub(crate) heard: Vec<HostMessage>,
+}
+
+impl Ground {
+    pub(crate) fn new(mission: &HostMission, random: &Pcg64Mcg) -> Self {
+        let p = mission.parameters();
+        let link = |&ground: &Position<f64>| Truth {
+            ground,
+            factor: 1.0,
+            strayed_m: 0.0,
+        };
+        Self {
+            links: p.users.iter().chain(&p.sensors).map(link).collect(),
+            random: random.clone(),
+            mission: mission.clone(),
+            decoder: Decoder::new(),
+            heard: Vec::new(),
+        }
+    }
+
+    pub(crate) fn truth(&self, slot: u32, over: &Position<f64>) -> HostState {
+        let (users, sensors) = self.links.split_at(self.mission.user_count());
+        let gain = |link: &Truth| link.gain(&self.mission, over);
+        ChannelState {
+            slot,
+            user_gains: users.iter().map(gain).collect(),
+            sensor_gains: sensors.iter().map(gain).collect(),
+        }
+    }
+
+    /// A slot has passed.
+    pub(crate) fn stray(&mut self) {
+        // Short of the limit by what positions are measured to.
+        let most_m = self.mission.reach_m() - MEASUREMENT_M;
+        for link in &mut self.links {
+            link.strayed_m += self.random.random_range(-most_m..=most_m);
+        }
+    }
+
+    /// The vehicle knows the gains over here: from now on they differ from these.
+    pub(crate) fn become_known(&mut self, over: &Position<f64>) {
+        for link in &mut self.links {
+            let gain = link.gain(&self.mission, over);
+            let away_m = (over - link.ground).norm();
+            link.factor = gain.0 / self.mission.channel().power_gain_across(away_m).0;
+            link.strayed_m = 0.0;
+        }
+    }
+
+    /// Hears what arrived and answers arrivals.
+    pub(crate) fn receive(&mut self, bytes: &[u8], over: &Position<f64>) -> Vec<u8> {
+        let mut answer = Vec::new();
+        for &byte in bytes {
+            if let Some(Ok(message)) = self.decoder.push(byte) {
+                if let Message::Arrival(arrival) = &message {
+                    let state = Message::ChannelState(self.truth(arrival.plan.slot, over));
+                    let mut buffer = [0; FRAME_MAX];
+                    answer.extend_from_slice(link::encode(&state, &mut buffer).expect("fits"));
+                }
+                self.heard.push(message);
+            }
+        }
+        answer
+    }
+}
