@@ -10,25 +10,14 @@
 //! Time is ours in both cases (`firmware_core::console`): a flight in QEMU is the same, byte for
 //! byte, however slow it is, and the same as the twin's as far as the arithmetic is.
 
-use std::{
-    fmt,
-    io::{self, Read, Write},
-    net::TcpStream,
-    sync::Arc,
-    thread::sleep,
-    time::{Duration as WallDuration, Instant as WallInstant},
-};
+mod image;
+
+use std::{fmt, io, sync::Arc};
 
 use firmware_core::{
     Position,
-    autopilot::{
-        Phase,
-        wire::{Decoder, MAX_FRAME},
-    },
-    console::{
-        self, BoardComputer, CONSOLE_FRAME_MAX, Call, Clock as WhoseClock, Decider, Footprint,
-        Order, Report, Reports, Tick, in_single_precision,
-    },
+    autopilot::{Geofence, Phase, guidance::Limits, wire::MAX_FRAME},
+    console::{BoardComputer, Clock as WhoseClock, Decider, Footprint, Order, in_single_precision},
     link::FRAME_MAX,
     onboard::Stage,
     policy::mlp::Mlp,
@@ -39,17 +28,15 @@ use super::{
     CONNECT_PATIENCE, FailedFlight, FlightError, FlightSettings, Ground, Observer, Stopwatch,
     autopilot_settings, map_origin,
 };
+pub use image::Image;
+
 use crate::{
     flight::{Clock, Peer},
-    link::HostPort,
     record::{FlightEvent, FlightRecord, PathSample},
     scenario::Scenario,
     vehicle::Profile,
     world::World,
 };
-
-/// How long a board may take to be there, and to answer.
-const PATIENCE: WallDuration = WallDuration::from_secs(30);
 
 /// What a board said in a round.
 #[derive(Debug)]
@@ -96,18 +83,16 @@ pub fn order(scenario: &Scenario, profile: Profile, decider: Decider) -> Order {
     Order {
         mission: in_single_precision(scenario.mission.parameters()),
         map_origin: map_origin(scenario),
-        limits: firmware_core::autopilot::guidance::Limits {
+        limits: Limits {
             speed_mps: number(flight.limits.speed_mps),
             acceleration_mps2: number(flight.limits.acceleration_mps2),
             jerk_mps3: number(flight.limits.jerk_mps3),
         },
-        geofence: flight
-            .geofence
-            .map(|fence| firmware_core::autopilot::Geofence {
-                low: fence.low.map(number),
-                high: fence.high.map(number),
-                ceiling_m: number(fence.ceiling_m),
-            }),
+        geofence: flight.geofence.map(|fence| Geofence {
+            low: fence.low.map(number),
+            high: fence.high.map(number),
+            ceiling_m: number(fence.ceiling_m),
+        }),
         ground_patience: flight.watch.ground,
         decider,
         clock: WhoseClock::Console,
@@ -197,205 +182,6 @@ impl Board for Twin {
 
     fn footprint(&mut self) -> io::Result<Option<Footprint>> {
         Ok(None)
-    }
-}
-
-/// A byte stream with a count of what passed.
-#[derive(Debug)]
-struct Line {
-    stream: TcpStream,
-    sent: u32,
-    received: u32,
-}
-
-impl Line {
-    fn connect(to: &HostPort, offset: u16) -> io::Result<Self> {
-        let port = to
-            .port
-            .checked_add(offset)
-            .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the ports end at 65535"))?;
-        let begun = WallInstant::now();
-        let stream = loop {
-            match TcpStream::connect((to.host.as_str(), port)) {
-                Ok(stream) => break stream,
-                // The board may still be starting.
-                Err(error) if begun.elapsed() > WallDuration::from_secs(10) => {
-                    return Err(io::Error::new(
-                        error.kind(),
-                        format!("port {port}: {error}"),
-                    ));
-                }
-                Err(_) => sleep(WallDuration::from_millis(50)),
-            }
-        };
-        stream.set_nodelay(true)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
-        stream.set_write_timeout(Some(PATIENCE))?;
-        Ok(Self {
-            stream,
-            sent: 0,
-            received: 0,
-        })
-    }
-
-    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.stream.write_all(bytes)?;
-        self.sent = self.sent.wrapping_add(bytes.len() as u32);
-        Ok(())
-    }
-
-    /// Waits for some bytes and adds them.
-    fn receive(&mut self, bytes: &mut Vec<u8>) -> io::Result<()> {
-        let mut piece = [0; 1024];
-        match self.stream.read(&mut piece) {
-            Ok(0) => Err(io::Error::new(
-                io::ErrorKind::UnexpectedEof,
-                "the board has hung up",
-            )),
-            Ok(length) => {
-                bytes.extend_from_slice(&piece[..length]);
-                self.received = self.received.wrapping_add(length as u32);
-                Ok(())
-            }
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => Err(io::Error::new(
-                io::ErrorKind::TimedOut,
-                format!("the board has not answered for {} s", PATIENCE.as_secs()),
-            )),
-            Err(error) => Err(error),
-        }
-    }
-
-    /// Waits until so many have come in all.
-    fn receive_up_to(&mut self, count: u32) -> io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        while self.received != count {
-            self.receive(&mut bytes)?;
-        }
-        Ok(bytes)
-    }
-}
-
-/// The image at the other end of three TCP connections: QEMU's serial lines.
-#[derive(Debug)]
-pub struct Image {
-    ground: Line,
-    mavlink: Line,
-    console: Line,
-    reports: Reports,
-    /// Reports that have come and were not taken yet.
-    waiting: std::collections::VecDeque<Report>,
-    frames: Decoder,
-}
-
-impl Image {
-    /// Connects to the ground link at a port, MAVLink at the next and the console at the one after
-    /// it, and gives the order.
-    ///
-    /// # Errors
-    /// Nobody there, no answer, an order that is refused: in one line.
-    pub fn connect(to: &HostPort, order: &Order) -> Result<Self, String> {
-        let line = |offset| {
-            Line::connect(to, offset).map_err(|error| format!("tcp:{to}: no board: {error}"))
-        };
-        let mut image = Self {
-            ground: line(0)?,
-            mavlink: line(1)?,
-            console: line(2)?,
-            reports: Reports::default(),
-            waiting: std::collections::VecDeque::new(),
-            frames: Decoder::new(),
-        };
-        let answer = image
-            .call(&Call::Order(order.clone()))
-            .and_then(|()| image.report());
-        match answer {
-            Ok(Report::Ready) => Ok(image),
-            Ok(Report::Refused(why) | Report::BrokenOff(why)) => {
-                Err(format!("tcp:{to}: the board refuses: {why}"))
-            }
-            Ok(other) => Err(format!("tcp:{to}: an answer out of turn: {other:?}")),
-            Err(error) => Err(format!("tcp:{to}: {error}")),
-        }
-    }
-
-    fn call(&mut self, call: &Call) -> io::Result<()> {
-        let mut frame = [0; CONSOLE_FRAME_MAX];
-        let frame = console::encode_call(call, &mut frame).map_err(io::Error::other)?;
-        self.console.send(frame)
-    }
-
-    fn report(&mut self) -> io::Result<Report> {
-        let mut bytes = Vec::new();
-        loop {
-            if let Some(report) = self.waiting.pop_front() {
-                return Ok(report);
-            }
-            bytes.clear();
-            self.console.receive(&mut bytes)?;
-            for &byte in &bytes {
-                match self.reports.push(byte) {
-                    Some(Ok(report)) => self.waiting.push_back(report),
-                    Some(Err(error)) => {
-                        return Err(io::Error::other(format!("console: {error}")));
-                    }
-                    None => {}
-                }
-            }
-        }
-    }
-}
-
-impl Board for Image {
-    fn round(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round> {
-        let vehicle = vehicle.concat();
-        let total = |line: &Line, more: &[u8]| line.sent.wrapping_add(more.len() as u32);
-        self.call(&Call::Tick(Tick {
-            now,
-            ground_bytes: total(&self.ground, ground),
-            mavlink_bytes: total(&self.mavlink, &vehicle),
-        }))?;
-        self.ground.send(ground)?;
-        self.mavlink.send(&vehicle)?;
-        let (mut events, mut broken_off) = (Vec::new(), None);
-        let tock = loop {
-            match self.report()? {
-                Report::Tock(tock) => break tock,
-                Report::Event(words) => events.push(words.as_str().into()),
-                Report::BrokenOff(why) => broken_off = Some(why.as_str().into()),
-                Report::Ready | Report::Refused(_) | Report::Footprint(_) => {}
-            }
-        };
-        let mut mavlink = Vec::new();
-        let bytes = self.mavlink.receive_up_to(tock.mavlink_bytes)?;
-        let mut input = bytes.as_slice();
-        while let Some(frame) = self.frames.next_frame(&mut input) {
-            mavlink.push(frame.bytes().to_vec());
-        }
-        let micros = |nanos: u32| f64::from(nanos) * 1e-3;
-        Ok(Round {
-            mavlink,
-            ground: self.ground.receive_up_to(tock.ground_bytes)?,
-            events,
-            stage: tock.stage,
-            phase: tock.phase,
-            place: tock.place,
-            broken_off,
-            plan_us: micros(tock.cost.plan_ns),
-            allocate_us: micros(tock.cost.allocate_ns),
-        })
-    }
-
-    fn stop(&mut self) -> io::Result<()> {
-        self.call(&Call::Stop)
-    }
-
-    fn footprint(&mut self) -> io::Result<Option<Footprint>> {
-        self.call(&Call::Footprint)?;
-        loop {
-            if let Report::Footprint(footprint) = self.report()? {
-                return Ok(Some(footprint));
-            }
-        }
     }
 }
 
