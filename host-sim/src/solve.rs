@@ -17,6 +17,7 @@ use firmware_core::{
     inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution, Status, alternating},
 };
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::conic;
 
@@ -176,12 +177,12 @@ impl Problem {
     fn parse(line: &[u8]) -> Result<Self, LineError> {
         let text = str::from_utf8(line)
             .map_err(|error| LineError::Input(format!("the line is not UTF-8: {error}")))?
+            .trim_start_matches(BYTE_ORDER_MARK)
             .trim_end();
         if text.trim().is_empty() {
-            return Err(LineError::input(
-                "the line is empty, but must be a JSON object with sensor_gain, user_gain, \
-                 sensor_power_max, user_power_max, noise_power and mse_threshold",
-            ));
+            return Err(LineError::Input(format!(
+                "the line is empty, but must be {A_PROBLEM}"
+            )));
         }
         let mut json = serde_json::Deserializer::from_str(text);
         let problem: Self = serde_path_to_error::deserialize(&mut json)
@@ -336,17 +337,67 @@ impl Answer {
     }
 }
 
+/// What is wrong with a line that is JSON, but no [`Problem`].
+fn misfit(line: &Value) -> Option<String> {
+    let Value::Object(fields) = line else {
+        return Some(format!("the line is {line}, but must be {A_PROBLEM}"));
+    };
+    let no_number = |field: &str, value: &Value| {
+        let problem = format!("{field} is {value}, but must be a number");
+        (!value.is_number()).then_some(problem)
+    };
+    for field in FIELDS {
+        let problem = match (field, fields.get(field)) {
+            ("user_gain", None | Some(Value::Null)) => None,
+            (_, None) => Some(format!("the line has no {field}, but must be {A_PROBLEM}")),
+            ("sensor_gain", Some(Value::Array(gains))) => {
+                let gains = gains.iter().enumerate();
+                gains
+                    .filter_map(|(i, gain)| no_number(&format!("sensor_gain[{i}]"), gain))
+                    .next()
+            }
+            ("sensor_gain", Some(value)) => Some(format!(
+                "sensor_gain is {value}, but must be an array of numbers"
+            )),
+            (_, Some(value)) => no_number(field, value),
+        };
+        if problem.is_some() {
+            return problem;
+        }
+    }
+    None
+}
+
+/// What some editors put in front of a file.
+const BYTE_ORDER_MARK: char = '\u{feff}';
+const FIELDS: [&str; 6] = [
+    "sensor_gain",
+    "user_gain",
+    "sensor_power_max",
+    "user_power_max",
+    "noise_power",
+    "mse_threshold",
+];
+const A_PROBLEM: &str = "a JSON object with sensor_gain, user_gain, sensor_power_max, \
+                         user_power_max, noise_power and mse_threshold";
+
+/// serde_json's message without the line and column: the line is known.
+fn without_place(cause: &serde_json::Error) -> String {
+    let text = cause.to_string();
+    text.split(" at line ").next().unwrap_or(&text).to_owned()
+}
+
 /// What was expected where, with the text that was found.
 fn explain(text: &str, error: &serde_path_to_error::Error<serde_json::Error>) -> String {
     let (path, cause) = (error.path().to_string(), error.inner());
-    if cause.is_data() || path == "." {
-        // Names the field itself where one is missing or has the wrong type.
-        let place = if path == "." {
-            String::new()
-        } else {
-            format!("{path}: ")
+    if cause.is_data() {
+        return match serde_json::from_str(text) {
+            Ok(line) => misfit(&line).unwrap_or_else(|| without_place(cause)),
+            Err(_) => without_place(cause),
         };
-        return format!("{place}{cause}");
+    }
+    if path == "." {
+        return format!("the line is not JSON: {cause}");
     }
     // `NaN`, `Infinity` and the like, which JSON does not have: show the word.
     let (ends, column) = ([',', ':', '[', ']', '{', '}', ' ', '\t'], cause.column());

@@ -196,7 +196,7 @@ fn whole_reference_where_present() {
 #[test]
 fn bad_lines_are_answered_and_the_rest_go_on() {
     let good = r#"{"sensor_gain":[1e-11,2e-11],"user_gain":1e-11,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.3}"#;
-    let cases: [(&str, String, &[&str]); 15] = [
+    let cases: [(&str, String, &[&str]); 18] = [
         (
             "NaN",
             good.replace("2e-11", "NaN"),
@@ -230,17 +230,17 @@ fn bad_lines_are_answered_and_the_rest_go_on() {
         (
             "text",
             good.replace("0.05", "\"much\""),
-            &["sensor_power_max", "\"much\"", "f64"],
+            &["sensor_power_max is \"much\", but must be a number"],
         ),
         (
             "no array",
             good.replace("[1e-11,2e-11]", "3"),
-            &["sensor_gain", "3", "sequence"],
+            &["sensor_gain is 3, but must be an array of numbers"],
         ),
         (
             "missing",
             good.replace("noise_power", "noise"),
-            &["missing field `noise_power`"],
+            &["the line has no noise_power, but must be a JSON object"],
         ),
         (
             "no noise",
@@ -252,7 +252,26 @@ fn bad_lines_are_answered_and_the_rest_go_on() {
             good.replace(r#""mse_threshold":0.3"#, r#""mse_threshold":0.5"#),
             &["mse_threshold is 0.5,", "below 1/J"],
         ),
-        ("not JSON", "rate = 3".into(), &["expected value"]),
+        (
+            "not JSON",
+            "rate = 3".into(),
+            &["not JSON", "expected value"],
+        ),
+        (
+            "null",
+            good.replace("2e-11", "null"),
+            &["sensor_gain[1] is null, but must be a number"],
+        ),
+        (
+            "a list",
+            "[1,2]".into(),
+            &["the line is [1,2], but must be a JSON object"],
+        ),
+        (
+            "twice",
+            good.replace("{", r#"{"noise_power":1,"#),
+            &["duplicate field `noise_power`"],
+        ),
         ("two", format!("{good} {good}"), &["after the object"]),
         ("cut", good[..40].into(), &["EOF"]),
         ("blank", "  ".into(), &["the line is empty", "sensor_gain"]),
@@ -296,6 +315,15 @@ fn bytes_that_are_no_text_cost_one_line() {
     let output = String::from_utf8(output).expect("UTF-8");
     assert_eq!(output.lines().count(), 3);
     assert!(output.contains("not UTF-8"), "{output}");
+}
+
+/// What some editors put in front of a file is no part of the first line.
+#[test]
+fn a_byte_order_mark_is_no_error() {
+    let line = r#"{"sensor_gain":[1e-11],"user_gain":null,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.9}"#;
+    let marked = format!("\u{feff}{line}");
+    let answer = |line| answers(Method::Exact, Precision::F64, line);
+    assert_eq!(answer(&marked), answer(line));
 }
 
 /// A value that single precision cannot hold is named as such, and solved in double.

@@ -24,8 +24,14 @@ fn refused(arguments: &[&str], expected: &[&str]) {
         assert!(complaint.contains(part), "`{part}` is not in: {complaint}");
     }
     assert!(!complaint.contains("panicked"), "{complaint}");
+    // clap's refusals of an option's value say more than one line.
+    if complaint.starts_with("error: invalid value") {
+        assert!(complaint.contains("--help"), "{complaint}");
+    } else {
+        assert_eq!(complaint.lines().count(), 1, "{complaint}");
+    }
     assert!(output.stdout.is_empty());
-    assert!(!out.join("summary.json").exists() && !out.join("report.html").exists());
+    assert!(!out.exists(), "something was left behind");
 }
 
 /// A scenario with one thing changed.
@@ -134,4 +140,25 @@ fn an_output_folder_that_is_a_file_is_refused_and_kept() {
     let complaint = String::from_utf8(run.get_output().stderr.clone()).unwrap();
     assert!(complaint.contains("--out"), "{complaint}");
     assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+}
+
+#[test]
+fn a_scenario_that_is_there_is_not_replaced_unasked() {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("mine.toml");
+    let make = |arguments: &[&str]| {
+        let mut command = program("host-sim");
+        command.args(["scenario", "new", "--out"]).arg(&file);
+        command.args(arguments).assert()
+    };
+    make(&["--sensors", "12"]).success();
+    let made = fs::read_to_string(&file).unwrap();
+    assert!(made.contains("mse_threshold = 0.045"), "{made}");
+    let refusal = make(&["--seed", "2"]).code(2);
+    let complaint = String::from_utf8(refusal.get_output().stderr.clone()).unwrap();
+    assert!(complaint.contains("mine.toml is there already; --overwrite"));
+    assert_eq!(fs::read_to_string(&file).unwrap(), made);
+    make(&["--seed", "2", "--overwrite", "--mse-threshold", "0.02"]).success();
+    let made = fs::read_to_string(&file).unwrap();
+    assert!(made.contains("mse_threshold = 0.02\n"), "{made}");
 }

@@ -1,6 +1,10 @@
 //! `host-sim scenario new|check|show`.
 
-use std::{fs, io::Write, path::PathBuf};
+use std::{
+    fs::File,
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
 
 use clap::{Args, Subcommand};
 use host_sim::{
@@ -46,9 +50,15 @@ pub(crate) struct NewArguments {
     /// How many sensors (J)
     #[arg(long, default_value_t = 36)]
     sensors: usize,
+    /// Its MSE threshold (Gamma) [default: 0.54 / sensors, the paper's 0.015 for 36]
+    #[arg(long, value_name = "GAMMA")]
+    mse_threshold: Option<f64>,
     /// Where to write it; standard output without
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Replace a file that is there
+    #[arg(long, requires = "out")]
+    overwrite: bool,
 }
 
 /// Does it.
@@ -63,10 +73,15 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
                 arguments.sensors,
             )
             .map_err(Failure::bad_input)?;
+            let scenario = match arguments.mse_threshold {
+                Some(threshold) => scenario
+                    .with_mse_threshold(threshold)
+                    .map_err(Failure::bad_input)?,
+                None => scenario,
+            };
             let text = scenario.to_toml();
             match &arguments.out {
-                Some(path) => fs::write(path, text)
-                    .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?,
+                Some(path) => save(path, &text, arguments.overwrite)?,
                 None => out.write_all(text.as_bytes())?,
             }
         }
@@ -96,6 +111,27 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// Writes a file that is not there yet, or may be replaced.
+fn save(path: &Path, text: &str, overwrite: bool) -> Result<(), Failure> {
+    let file = File::options()
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .create_new(!overwrite)
+        .open(path);
+    let failed = |error| Failure::failed(format!("{}: {error}", path.display()));
+    match file {
+        Ok(mut file) => file.write_all(text.as_bytes()).map_err(failed),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+            Err(Failure::bad_input(format!(
+                "{} is there already; --overwrite replaces it",
+                path.display()
+            )))
+        }
+        Err(error) => Err(failed(error)),
+    }
 }
 
 /// The mission in a line.

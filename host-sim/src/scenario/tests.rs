@@ -151,3 +151,17 @@ fn changes_are_made_together_and_named_when_wrong() {
         "{problem}"
     );
 }
+
+#[test]
+fn a_made_scenario_is_as_strict_per_sensor_whatever_their_number() {
+    let threshold = |sensors| {
+        let made = generate(Topology::Mixed, 1, 15, sensors).unwrap();
+        made.mission.parameters().mse_threshold
+    };
+    assert_eq!(threshold(36), 0.015);
+    assert_eq!(threshold(1), 0.54);
+    for sensors in 1..=SENSORS_MAX {
+        let share = threshold(sensors) * sensors as f64;
+        assert!((share - 0.54).abs() < 1e-3, "{sensors}: {share}");
+    }
+}

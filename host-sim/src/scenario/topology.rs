@@ -28,7 +28,7 @@ pub enum Topology {
 type Rectangle = [[f64; 2]; 2];
 
 /// Table I on a layout drawn with `seed`: 15 users, 36 sensors, from the south-west corner to
-/// the north-east one. The layout is our assumption; the paper prints none.
+/// the north-east one; with other numbers of sensors `J Gamma` is kept. The layout is our assumption; the paper prints none.
 ///
 /// # Errors
 /// Numbers of users or sensors that the controller cannot hold.
@@ -77,7 +77,7 @@ pub fn generate(
             },
         },
         aircomp: AircompTable {
-            mse_threshold: 0.015,
+            mse_threshold: usual_threshold(sensors),
             sensor_power_max_w: 0.05,
         },
         users: UsersTable {
@@ -95,6 +95,13 @@ pub fn generate(
         Topology::Mixed => "mixed",
     };
     Scenario::from_file(name, file)
+}
+
+/// Gamma with the `J Gamma` of Table I, 36 sensors at 0.015, so that the physical limit of a slot,
+/// `log2(1 / (1 - J Gamma))`, stays and Gamma is below 1/J whatever J is; to five decimals.
+fn usual_threshold(sensors: usize) -> f64 {
+    let share = 36.0 * 0.015;
+    (share / sensors.max(1) as f64 * 1e5).round() / 1e5
 }
 
 /// `count` places on the ground, to the decimetre.
