@@ -23,6 +23,8 @@ struct Incoming {
     from: Address,
     count: u16,
     items: Vec<MISSION_ITEM_INT_DATA>,
+    /// The sender does not know the old form of requests.
+    new_requests: bool,
     asked: Instant,
     progress: Instant,
 }
@@ -78,6 +80,7 @@ impl Vehicle {
                     from,
                     count: offer.count,
                     items: Vec::new(),
+                    new_requests: false,
                     asked: now,
                     progress: now,
                 });
@@ -100,6 +103,18 @@ impl Vehicle {
             }
             MavMessage::MISSION_REQUEST_INT(request) => self.give_item(from, request.seq),
             MavMessage::MISSION_REQUEST(request) => self.give_item(from, request.seq),
+            // PX4 asks for the first item with the old request; who does not know it says so (as
+            // MAVSDK does), and is asked with the new one.
+            MavMessage::MISSION_ACK(ack)
+                if self.firmware == Firmware::Px4
+                    && ack.mavtype == MavMissionResult::MAV_MISSION_UNSUPPORTED =>
+            {
+                let incoming = self.missions.incoming.as_mut();
+                if let Some(incoming) = incoming.filter(|i| i.from == from && !i.new_requests) {
+                    incoming.new_requests = true;
+                    self.ask_for_item(now);
+                }
+            }
             MavMessage::MISSION_ACK(ack) => {
                 let over = ack.mavtype != MavMissionResult::MAV_MISSION_ACCEPTED;
                 if over
@@ -136,7 +151,7 @@ impl Vehicle {
         // ArduCopter asks with the old request and takes the new item; so does PX4 at first.
         let old = match self.firmware {
             Firmware::ArduCopter => true,
-            Firmware::Px4 => seq == 0,
+            Firmware::Px4 => seq == 0 && !incoming.new_requests,
             Firmware::Generic => false,
         };
         self.send(&if old {
