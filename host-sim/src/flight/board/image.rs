@@ -77,6 +77,8 @@ impl Line {
                 self.received = self.received.wrapping_add(length as u32);
                 Ok(())
             }
+            // A signal, not an end: the caller asks again.
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(()),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => Err(io::Error::new(
                 io::ErrorKind::TimedOut,
                 format!("the board has not answered for {} s", PATIENCE.as_secs()),
