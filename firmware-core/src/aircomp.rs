@@ -61,14 +61,8 @@ impl<T: Scalar> Slot<'_, T> {
 
     /// The MSE of the average at a given `eta` (second line of the derivation after eq:md).
     pub fn mse(&self, normalizing_factor: T) -> T {
-        let eta = normalizing_factor;
-        let sensors = T::count(self.sensor_gains.len());
-        let misalignment = self.amplitudes().fold(T::zero(), |sum, y| {
-            let error = eta * y - T::one();
-            sum + error * error
-        });
-        let interference = eta * eta * (self.user_signal_w() + self.noise_power.0);
-        (misalignment + interference) / (sensors * sensors)
+        let noise_w = self.user_signal_w() + self.noise_power.0;
+        mse(self.amplitudes(), noise_w, normalizing_factor)
     }
 
     /// The served user's rate (eq:rate), bit/s/Hz.
@@ -76,6 +70,18 @@ impl<T: Scalar> Slot<'_, T> {
         let sinr = self.user_signal_w() / self.disturbance_w();
         sinr.ln_1p() * T::of(core::f64::consts::LOG2_E)
     }
+}
+
+/// The MSE of an average of sensors that arrive with the amplitudes `y_j` (square root of watts)
+/// beside `q + sigma^2` watts of everything else, at a given `eta`.
+pub fn mse<T: Scalar>(amplitudes: impl Iterator<Item = T>, noise_w: T, normalizing_factor: T) -> T {
+    let eta = normalizing_factor;
+    let (misalignment, sensors) = amplitudes.fold((T::zero(), 0), |(sum, sensors), y| {
+        let error = eta * y - T::one();
+        (sum + error * error, sensors + 1)
+    });
+    let sensors = T::count(sensors);
+    (misalignment + eta * eta * noise_w) / (sensors * sensors)
 }
 
 #[cfg(test)]

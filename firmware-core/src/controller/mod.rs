@@ -300,33 +300,35 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     ) -> SlotCommand<T, J> {
         let served_user = self.recipient(plan.served_user, |user| user_gains[user].0);
         let user_gain = served_user.map(|user| user_gains[user]);
+        let mut command = SlotCommand::silent(plan.slot, sensor_gains.len());
+        command.served_user = served_user;
+        command.unheard_sensors = count_unheard(sensor_gains.iter().map(|gain| gain.0));
+        // A processor may have no instruction for roots: each is drawn once.
+        let amplitude_gains: Vec<T, J> = sensor_gains.iter().map(|g| g.amplitude()).collect();
         // A valid mission and valid gains make a slot problem: an error cannot come from here,
         // and if one did, everybody would stay silent.
         let solution = self
             .workspace
-            .sensors(&self.limits, sensor_gains)
+            .sensors_of_amplitude(&self.limits, &amplitude_gains)
             .and_then(|field| self.method.solve(&field, user_gain));
         debug_assert!(solution.is_ok(), "{solution:?}");
-        let mut command = SlotCommand::silent(plan.slot, sensor_gains.len());
-        command.served_user = served_user;
-        command.unheard_sensors = count_unheard(sensor_gains.iter().map(|gain| gain.0));
         if let Ok(solution) = solution {
             command.user_power = solution.user_power;
             command.normalizing_factor = solution.normalizing_factor;
             command.rate = solution.rate;
             command.status = solution.status;
-            command.sensor_coefficients = sensor_gains
-                .iter()
-                .map(|&gain| solution.coefficient(gain))
-                .collect();
-            command.mse = aircomp::Slot {
-                sensor_gains,
-                sensor_coefficients: &command.sensor_coefficients,
-                user_gain: user_gain.unwrap_or_default(),
-                user_power: command.user_power,
-                noise_power: self.limits.noise_power,
-            }
-            .mse(command.normalizing_factor);
+            let signal_w = user_gain.unwrap_or_default().0 * command.user_power.0;
+            let arriving = (amplitude_gains.iter())
+                .zip(&mut command.sensor_coefficients)
+                .map(|(&amplitude, coefficient)| {
+                    *coefficient = solution.coefficient_of_amplitude(amplitude);
+                    *coefficient * amplitude
+                });
+            command.mse = aircomp::mse(
+                arriving,
+                signal_w + self.limits.noise_power.0,
+                command.normalizing_factor,
+            );
         }
         command
     }

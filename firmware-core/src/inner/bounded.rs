@@ -198,7 +198,7 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         let noise_amplitude = limits.noise_power.0.sqrt();
         let least: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.least).collect();
         let most: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.most).collect();
-        super::check_gains(&most)?;
+        super::check_gains(most.iter().copied())?;
         let ends: Vec<Ends<T>, J> = sensors
             .iter()
             .map(|gain| Ends::of(gain, noise_amplitude))

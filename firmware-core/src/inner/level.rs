@@ -45,6 +45,23 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
     ) -> Result<SensorField<'_, T>, SlotError<T>> {
         SensorField::new(limits, sensor_gains, &mut self.amplitude, &mut self.sums)
     }
+
+    /// As [`sensors`](Self::sensors), from `|h_j|`: for a caller who needs the roots again and a
+    /// processor on which they are dear.
+    ///
+    /// # Errors
+    /// As [`SensorField::new`].
+    pub fn sensors_of_amplitude(
+        &mut self,
+        limits: &SlotLimits<T>,
+        amplitude_gains: &[T],
+    ) -> Result<SensorField<'_, T>, SlotError<T>> {
+        limits.check(amplitude_gains.len())?;
+        // An amplitude is a gain exactly where its power is.
+        check_gains(amplitude_gains.iter().copied().map(PowerGain))?;
+        let room = (&mut self.amplitude[..], &mut self.sums[..]);
+        SensorField::sorted(limits, amplitude_gains.iter().copied(), room)
+    }
 }
 
 /// Sums over the sensors below a place in the sorted order.
@@ -103,9 +120,19 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         amplitude: &'w mut [T],
         sums: &'w mut [PrefixSum<T>],
     ) -> Result<Self, SlotError<T>> {
-        let sensors = sensor_gains.len();
-        limits.check(sensors)?;
-        check_gains(sensor_gains)?;
+        limits.check(sensor_gains.len())?;
+        check_gains(sensor_gains.iter().copied())?;
+        let amplitude_gains = sensor_gains.iter().map(|gain| gain.amplitude());
+        Self::sorted(limits, amplitude_gains, (amplitude, sums))
+    }
+
+    /// The field of checked limits and gains `|h_j|`.
+    fn sorted(
+        limits: &SlotLimits<T>,
+        amplitude_gains: impl ExactSizeIterator<Item = T>,
+        (amplitude, sums): (&'w mut [T], &'w mut [PrefixSum<T>]),
+    ) -> Result<Self, SlotError<T>> {
+        let sensors = amplitude_gains.len();
         let capacity = amplitude.len().min(sums.len());
         if sensors > capacity {
             return Err(SlotError::TooManySensors { sensors, capacity });
@@ -116,8 +143,8 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         // from a stronger one: the cap loses nothing, and sums of squares stay finite.
         let strongest = T::one() / T::EPSILON;
         let amplitude = &mut amplitude[..sensors];
-        for (a, gain) in amplitude.iter_mut().zip(sensor_gains) {
-            *a = (coefficient_max * gain.amplitude() / noise_amplitude).min(strongest);
+        for (a, gain) in amplitude.iter_mut().zip(amplitude_gains) {
+            *a = (coefficient_max * gain / noise_amplitude).min(strongest);
         }
         amplitude.sort_unstable_by(T::order);
         let sums = &mut sums[..sensors];

@@ -205,7 +205,11 @@ impl<T: Scalar> Solution<T> {
     /// `|b_j|` of a sensor with gain `|h_j|^2`, square root of watts; at most
     /// `sqrt(p_b^max)`, exactly. A sensor that cannot be heard stays silent.
     pub fn coefficient(&self, gain: PowerGain<T>) -> T {
-        let amplitude = gain.amplitude();
+        self.coefficient_of_amplitude(gain.amplitude())
+    }
+
+    /// As [`coefficient`](Self::coefficient), from `|h_j|`.
+    pub fn coefficient_of_amplitude(&self, amplitude: T) -> T {
         if amplitude <= T::zero() {
             return T::zero();
         }
@@ -331,11 +335,14 @@ impl<T: Scalar> SlotError<T> {
 }
 
 /// Checks gains before a solver sees them.
-fn check_gains<T: Scalar>(sensor_gains: &[PowerGain<T>]) -> Result<(), SlotError<T>> {
-    match sensor_gains.iter().position(|gain| !gain.is_valid()) {
-        Some(index) => Err(SlotError::SensorGain {
+fn check_gains<T: Scalar>(
+    mut sensor_gains: impl Iterator<Item = PowerGain<T>>,
+) -> Result<(), SlotError<T>> {
+    let mut numbered = (0..).zip(sensor_gains.by_ref());
+    match numbered.find(|(_, gain)| !gain.is_valid()) {
+        Some((index, gain)) => Err(SlotError::SensorGain {
             index,
-            value: sensor_gains[index].0,
+            value: gain.0,
         }),
         None => Ok(()),
     }
