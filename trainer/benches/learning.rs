@@ -66,7 +66,7 @@ fn rate(steps: u32, mut step: impl FnMut()) -> f64 {
 }
 
 /// Gradient steps.
-fn learning<L: Learner + 'static>() -> Box<dyn FnMut()> {
+fn learning<L: Learner + 'static>() -> Step {
     let settings = Settings::preset(Preset::Paper, L::ALGORITHM, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut environment = environment(&settings);
@@ -76,7 +76,7 @@ fn learning<L: Learner + 'static>() -> Box<dyn FnMut()> {
 }
 
 /// Slots of episodes at random.
-fn flying() -> Box<dyn FnMut()> {
+fn flying() -> Step {
     let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut environment = environment(&settings);
@@ -90,6 +90,12 @@ fn flying() -> Box<dyn FnMut()> {
     })
 }
 
+/// One step of a contender, to be repeated.
+type Step = Box<dyn FnMut()>;
+
+/// A name, the steps of a round, and how it starts.
+type Contender = (&'static str, u32, fn() -> Step);
+
 /// Median of an odd number of rounds.
 const ROUNDS: usize = 7;
 
@@ -98,7 +104,7 @@ fn main() {
     let mut arguments = std::env::args().skip(1).filter(|a| !a.starts_with('-'));
     let only = arguments.next();
     let steps: Option<u32> = arguments.next().map(|text| text.parse().expect("STEPS"));
-    let contenders: [(&str, u32, fn() -> Box<dyn FnMut()>); 3] = [
+    let contenders: [Contender; 3] = [
         ("sac", 1_000, learning::<Sac>),
         ("ddpg", 1_000, learning::<Ddpg>),
         ("environment", 100_000, flying),
