@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use command::{bound, doctor, experiment, run, scenario, solve, upload, vehicle};
+use command::{bound, doctor, experiment, faults, run, scenario, solve, upload, vehicle};
 
 /// A UAV that serves users and averages sensors over the air: flies missions, end to end.
 #[derive(Debug, Parser)]
@@ -37,6 +37,9 @@ enum Command {
     Bound(bound::BoundArguments),
     /// The paper's figures, each as a CSV file and a drawing, with its claims judged
     Experiment(experiment::ExperimentArguments),
+    /// Fly a mission with a board whose ground link is damaged, beside its twin; fail where they
+    /// differ or the board miscounts
+    Faults(faults::FaultsArguments),
     /// Make, check or draw a scenario
     #[command(subcommand)]
     Scenario(scenario::Command),
@@ -53,6 +56,7 @@ fn main() -> ExitCode {
         Command::Solve(arguments) => solve::execute(&arguments),
         Command::Bound(arguments) => bound::execute(&arguments),
         Command::Experiment(arguments) => experiment::execute(&arguments),
+        Command::Faults(arguments) => faults::execute(&arguments),
         Command::Scenario(command) => scenario::execute(command),
     };
     match outcome {

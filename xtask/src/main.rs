@@ -1,11 +1,13 @@
 //! `cargo xtask`: developer commands that need more than cargo.
 //!
-//! `cargo xtask firmware build|bench|hil` makes the microcontroller image, measures what it costs,
-//! and flies a mission with it in QEMU. docs/target.md says what for.
+//! `cargo xtask firmware build|bench|hil|faults` makes the microcontroller image, measures what
+//! it costs, and flies missions with it in QEMU, some over a damaged link. docs/target.md says
+//! what for.
 
 mod bench;
 mod build;
 mod elf;
+mod faults;
 mod hil;
 mod qemu;
 mod tools;
@@ -44,6 +46,9 @@ enum Firmware {
     /// Fly a mission whose controller is the image in QEMU, and the same in this machine's
     /// process; fail where they differ
     Hil(hil::HilArguments),
+    /// Damage the ground link of the image in QEMU by random schedules; fail where it differs from
+    /// the same in this machine's process, miscounts, or is not in order again after them
+    Faults(faults::FaultsArguments),
 }
 
 fn main() -> ExitCode {
@@ -52,6 +57,7 @@ fn main() -> ExitCode {
         Firmware::Build(arguments) => build::run(&root, &arguments).map(drop),
         Firmware::Bench(arguments) => bench::run(&root, &arguments),
         Firmware::Hil(arguments) => hil::run(&root, &arguments),
+        Firmware::Faults(arguments) => faults::run(&root, &arguments),
     });
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -4,6 +4,7 @@ pub(crate) mod board;
 pub(crate) mod bound;
 pub(crate) mod doctor;
 pub(crate) mod experiment;
+pub(crate) mod faults;
 pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod solve;

@@ -10,6 +10,7 @@
 //! Time is ours in both cases (`firmware_core::console`): a flight in QEMU is the same, byte for
 //! byte, however slow it is, and the same as the twin's as far as the arithmetic is.
 
+mod campaign;
 mod image;
 
 use std::{fmt, io, sync::Arc};
@@ -28,6 +29,7 @@ use super::{
     CONNECT_PATIENCE, FailedFlight, FlightError, FlightSettings, Ground, Observer, Stopwatch,
     autopilot_settings, map_origin,
 };
+pub use campaign::{Campaign, SLOTS_EACH, Tally};
 pub use image::Image;
 
 use crate::{

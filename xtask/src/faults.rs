@@ -1,0 +1,131 @@
+//! Fault schedules against the image in QEMU: its ground link is damaged in every way that
+//! `host_sim::link::faults` knows, beside the twin in this machine's process. An image takes one
+//! order, so each mission has a QEMU of its own; a schedule is some slots of a mission.
+
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    process::Command,
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+
+use crate::{
+    build::{self, BuildArguments, Images},
+    hil,
+    qemu::Board,
+};
+
+/// Schedules of a mission.
+const EACH: u64 = 20;
+
+/// What host-sim counts once a schedule.
+const IN_ORDER: &str = "resynchronised at the first clean frame";
+
+type Tally = BTreeMap<String, u64>;
+
+/// How much is tried.
+#[derive(Debug, Args)]
+pub(crate) struct FaultsArguments {
+    #[command(flatten)]
+    build: BuildArguments,
+    /// Fault schedules
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
+    schedules: u64,
+    /// The mission: as `host-sim run --scenario` takes it
+    #[arg(long, default_value = "separated")]
+    scenario: String,
+    /// Of the first mission; each has the next
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Flies the missions, one on each core, and prints what was injected and counted.
+pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
+    let images = build::run(root, &arguments.build)?;
+    let host = hil::host(root, &arguments.build)?;
+    let begun = Instant::now();
+    let missions = arguments.schedules.div_ceil(EACH);
+    let next = AtomicU64::new(0);
+    let crew = || {
+        let mut total = Tally::new();
+        loop {
+            let mission = next.fetch_add(1, Ordering::Relaxed);
+            if mission >= missions {
+                return Ok(total);
+            }
+            let schedules = EACH.min(arguments.schedules - mission * EACH);
+            let seed = arguments.seed.wrapping_add(mission);
+            for (what, count) in fly(root, (&host, &images), arguments, (seed, schedules))? {
+                *total.entry(what).or_default() += count;
+            }
+        }
+    };
+    let mut total = Tally::new();
+    thread::scope(|scope| {
+        let crews = thread::available_parallelism().map_or(1, |cores| cores.get().min(8));
+        let crews: Vec<_> = (0..crews).map(|_| scope.spawn(crew)).collect();
+        for crew in crews {
+            let flown: Result<Tally> = crew
+                .join()
+                .map_err(|_| anyhow::anyhow!("a thread panicked"))?;
+            for (what, count) in flown? {
+                *total.entry(what).or_default() += count;
+            }
+        }
+        anyhow::Ok(())
+    })?;
+    for (what, count) in &total {
+        println!("{count:9} {what}");
+    }
+    let of = |what: &str| total.get(what).copied().unwrap_or(0);
+    ensure!(
+        of("schedules") == arguments.schedules && of(IN_ORDER) == arguments.schedules,
+        "{} schedules asked for",
+        arguments.schedules
+    );
+    println!(
+        "{} schedules in {missions} missions, {:.0} s: the image and its twin said the same, \
+         nothing was lost or miscounted",
+        arguments.schedules,
+        begun.elapsed().as_secs_f64()
+    );
+    Ok(())
+}
+
+/// A mission; what was injected and counted.
+fn fly(
+    root: &Path,
+    (host, images): (&Path, &Images),
+    arguments: &FaultsArguments,
+    (seed, schedules): (u64, u64),
+) -> Result<Tally> {
+    let board = {
+        // Until QEMU has its ports, nobody else may look for free ones.
+        static STARTING: Mutex<()> = Mutex::new(());
+        let _turn = STARTING.lock().unwrap_or_else(PoisonError::into_inner);
+        let board = Board::start(root, &images.controller, false)?;
+        thread::sleep(Duration::from_millis(200));
+        board
+    };
+    let output = Command::new(host)
+        .current_dir(root)
+        .args(["faults", "--scenario", &arguments.scenario])
+        .args(["--board", &format!("127.0.0.1:{}", board.port)])
+        .args(["--seed", &seed.to_string()])
+        .args(["--schedules", &schedules.to_string()])
+        .arg("--policy")
+        .arg(&images.policy)
+        .output()
+        .context("host-sim does not run")?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "seed {seed}: {}", said.trim());
+    serde_json::from_slice(&output.stdout).context("what host-sim counted")
+}
