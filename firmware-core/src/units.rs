@@ -23,6 +23,11 @@ impl<T: Scalar> PowerGain<T> {
     pub fn is_valid(self) -> bool {
         self.0.finite() && self.0 >= T::zero()
     }
+
+    /// A gain that a channel can have: no more arrives than was sent.
+    pub fn is_passive(self) -> bool {
+        self.is_valid() && self.0 <= T::one()
+    }
 }
 
 /// Power in watts.

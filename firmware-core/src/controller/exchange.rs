@@ -88,7 +88,7 @@ pub struct SlotCommand<T: Scalar, const J: usize> {
     pub source: ChannelSource,
     /// How old the channel state is, slots; 0 when it is this slot's.
     pub age_slots: u32,
-    /// How many gains were NaN, infinite or negative and counted as 0.
+    /// How many gains were NaN, infinite, negative or above 1 and counted as 0.
     pub rejected_gains: u16,
     /// How many sensors were not heard and stay silent: their gain is 0 or was rejected. The
     /// average is still over all `J`; each of these adds `1/J^2` to the MSE.

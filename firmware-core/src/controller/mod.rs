@@ -230,7 +230,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let plan = self.check_state(state)?;
         let mut rejected_gains = 0;
         let mut sane = |gain: &PowerGain<T>| {
-            if gain.is_valid() {
+            if gain.is_passive() {
                 return *gain;
             }
             rejected_gains += 1;

@@ -263,9 +263,14 @@ fn promise<T: Scalar>(
         (power_max, LimitedBy::Power)
     };
     let signal = |gain: PowerGain<T>| power * (gain.0 / limits.noise_power.0);
-    guarantee.status = Status::Guaranteed { limited_by };
-    guarantee.user_power = Watt(power);
-    guarantee.rate = rate_of_sinr(signal(user.least) / worst.energy);
-    guarantee.mse = (worst.error + eta_squared * signal(user.most)) / (count * count);
+    let rate = rate_of_sinr(signal(user.least) / worst.energy);
+    let mse = (worst.error + eta_squared * signal(user.most)) / (count * count);
+    // With gains at the end of the number type nothing can be promised of the user.
+    if rate.finite() && mse.finite() {
+        guarantee.status = Status::Guaranteed { limited_by };
+        guarantee.user_power = Watt(power);
+        guarantee.rate = rate;
+        guarantee.mse = mse;
+    }
     guarantee
 }
