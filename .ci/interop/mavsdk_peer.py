@@ -33,25 +33,23 @@ from pymavlink.dialects.v20 import ardupilotmega as wire  # noqa: E402
 
 BINARY = sys.argv[1]
 SPEED = 5
-checks = 0
 vehicles = []
 
 
-def check(condition, what):
-    global checks
-    if not condition:
-        # Not sys.exit: MAVSDK's threads outlive it.
-        print(f"mavsdk: {what}", flush=True)
-        for vehicle in vehicles:
-            vehicle.kill()
-        os._exit(1)
-    checks += 1
+class PatientChecks(Checks):
+    """Not sys.exit: MAVSDK's threads outlive it."""
+
+    def __call__(self, condition, what):
+        try:
+            super().__call__(condition, what)
+        except SystemExit as failed:
+            print(failed, flush=True)
+            for vehicle in vehicles:
+                vehicle.kill()
+            os._exit(1)
 
 
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
+check = PatientChecks("mavsdk")
 
 
 async def until(seconds, ready):
@@ -261,6 +259,6 @@ async def clients():
 
 asyncio.run(clients())
 autopilot()
-print(f"mavsdk: ground station, offboard and autopilot, {checks} checks", flush=True)
+print(f"mavsdk: ground station, offboard and autopilot, {check.count} checks", flush=True)
 # MAVSDK's threads do not end by themselves.
 os._exit(0)

@@ -10,16 +10,15 @@ import sys
 
 import numpy as np
 import onnx
+from contract import FULL_SCALE, REACH_M, SEED, USERS, WIDTH, describe
 from onnx import TensorProto, helper
-
-USERS, WIDTH, REACH_M = 15, 64, 30.0
 
 
 def main() -> None:
     (path,) = sys.argv[1:]
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(SEED)
     n = USERS + 4
-    full_scale = np.array([4.0] * USERS + [1.12, 0.015, 1000.0, 1000.0])
+    full_scale = np.array(FULL_SCALE)
     sizes = [n, WIDTH, WIDTH, 2 + USERS]
     weights = [rng.normal(0, 1 / np.sqrt(i), (i, o)) for i, o in zip(sizes, sizes[1:])]
     biases = [rng.normal(0, 0.1, o) for o in sizes[1:]]
@@ -67,27 +66,7 @@ def main() -> None:
         constants,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
-
-    def listed(values) -> str:
-        return ",".join(str(float(v)) for v in np.asarray(values, dtype=np.float32))
-
-    helper.set_model_props(model, {
-        "format_version": "1",
-        "users": str(USERS),
-        "max_speed_mps": "30",
-        "slot_duration_s": "1",
-        "area_m": "1000,1000",
-        "observation_names": ",".join([f"count_{m}" for m in range(USERS)]
-                                      + ["rate", "mse", "east_m", "north_m"]),
-        "algorithm": "random",
-        "scenario": "none",
-        "scenario_digest": "",
-        "episodes": "0",
-        "seed": "5",
-        "test_observation": listed(observation),
-        "test_displacement": listed(REACH_M * np.tanh(hidden[:2])),
-        "test_user_scores": listed(hidden[2:]),
-    })
+    describe(model, observation, REACH_M * np.tanh(hidden[:2]), hidden[2:])
     onnx.checker.check_model(model, full_check=True)
     onnx.save(model, path)
 

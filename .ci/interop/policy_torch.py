@@ -11,10 +11,8 @@ import sys
 
 import onnx
 import torch
+from contract import FULL_SCALE, REACH_M, SEED, USERS, WIDTH, describe
 from torch import nn
-
-USERS, WIDTH, REACH_M = 15, 64, 30.0
-FULL_SCALE = [4.0] * USERS + [1.12, 0.015, 1000.0, 1000.0]
 
 
 class Policy(nn.Module):
@@ -33,7 +31,7 @@ class Policy(nn.Module):
 
 def main() -> None:
     path, *legacy = sys.argv[1:]
-    torch.manual_seed(5)
+    torch.manual_seed(SEED)
     policy = Policy().eval()
     observation = torch.rand(1, USERS + 4) * torch.tensor(FULL_SCALE)
     with torch.no_grad():
@@ -41,28 +39,8 @@ def main() -> None:
     how = {"dynamo": False} if legacy else {"dynamo": True, "external_data": False}
     torch.onnx.export(policy, (observation,), path, input_names=["observation"],
                       output_names=["displacement", "user_scores"], opset_version=17, **how)
-
-    def listed(values) -> str:
-        return ",".join(str(float(v)) for v in values.flatten())
-
     model = onnx.load(path)
-    onnx.helper.set_model_props(model, {
-        "format_version": "1",
-        "users": str(USERS),
-        "max_speed_mps": "30",
-        "slot_duration_s": "1",
-        "area_m": "1000,1000",
-        "observation_names": ",".join([f"count_{m}" for m in range(USERS)]
-                                      + ["rate", "mse", "east_m", "north_m"]),
-        "algorithm": "random",
-        "scenario": "none",
-        "scenario_digest": "",
-        "episodes": "0",
-        "seed": "5",
-        "test_observation": listed(observation),
-        "test_displacement": listed(displacement),
-        "test_user_scores": listed(user_scores),
-    })
+    describe(model, observation, displacement, user_scores)
     onnx.save(model, path)
 
 

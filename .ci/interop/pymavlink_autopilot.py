@@ -12,12 +12,13 @@ import math
 import os
 import pathlib
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+
+from counted import Checks, free_port
 
 os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil  # noqa: E402
@@ -30,20 +31,7 @@ GUIDED, LOITER, LAND = 4, 5, 9
 ORIGIN = (-35.363262, 149.165237)
 START = (50.0, 50.0)
 METRES_PER_DEGREE = 6378137.0 * math.pi / 180
-checks = 0
-
-
-def check(condition, what):
-    global checks
-    if not condition:
-        sys.exit(f"pymavlink autopilot: {what}")
-    checks += 1
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
+check = Checks("pymavlink autopilot")
 
 
 class Autopilot(threading.Thread):
@@ -258,5 +246,5 @@ with tempfile.TemporaryDirectory() as name:
     signed = whole_mission(folder, key)
     pilot_takes_over(folder)
     wrong_key(folder, key)
-print(f"pymavlink autopilot: {checks} checks; rate {summary['sum_rate']:.3f} (signed "
+print(f"pymavlink autopilot: {check.count} checks; rate {summary['sum_rate']:.3f} (signed "
       f"{signed['sum_rate']:.3f}), median {summary['planned_vs_flown_median_m']:.2f} m off the plan")

@@ -4,31 +4,19 @@ Usage: pymavlink_peer.py HOST_SIM_BINARY
 """
 
 import os
-import socket
 import subprocess
 import sys
 import tempfile
 import time
+
+from counted import Checks, free_port
 
 os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil, mavwp  # noqa: E402
 
 BINARY = sys.argv[1]
 SPEED = "10"
-checks = 0
-
-
-def check(condition, what):
-    global checks
-    if not condition:
-        sys.exit(f"pymavlink: {what}")
-    checks += 1
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
+check = Checks("pymavlink")
 
 
 class Vehicle:
@@ -169,4 +157,4 @@ def signing():
 parameters()
 missions()
 signing()
-print(f"pymavlink: parameters, missions and signing, {checks} checks")
+print(f"pymavlink: parameters, missions and signing, {check.count} checks")

@@ -12,8 +12,8 @@ use firmware_core::autopilot::mission::{
 use firmware_core::time::Duration;
 use thiserror::Error;
 
-use crate::flight::{CONNECT_PATIENCE, FlightError};
-use crate::link::Session;
+use crate::flight::CONNECT_PATIENCE;
+use crate::link::{Session, Silence};
 
 /// What is handed over.
 #[derive(Clone, Debug)]
@@ -37,13 +37,8 @@ pub enum FailedUpload {
     #[error("link: {0}")]
     Link(#[from] io::Error),
     /// No autopilot was heard.
-    #[error("{}", nobody_there(*.waited_s, *.refused))]
-    NobodyThere {
-        /// For how long, seconds of its time.
-        waited_s: f64,
-        /// Frames that came and were refused for their signature.
-        refused: u32,
-    },
+    #[error("{0}")]
+    NobodyThere(Silence),
     /// The autopilot is there, but not ready to start a mission.
     #[error("the autopilot is not ready: {0}")]
     NotReady(String),
@@ -58,10 +53,6 @@ pub enum FailedUpload {
         /// What the autopilot has now.
         left: Left,
     },
-}
-
-fn nobody_there(waited_s: f64, refused: u32) -> String {
-    FlightError::NobodyThere { waited_s, refused }.to_string()
 }
 
 fn what_is_left(left: Left) -> &'static str {
@@ -95,10 +86,7 @@ impl Upload<'_> {
             if deaf || waited >= self.patience || stop.load(Ordering::Relaxed) {
                 let obstacle = client.obstacle().map(|obstacle| obstacle.to_string());
                 return Err(match (client.vehicle(), obstacle) {
-                    (None, _) => FailedUpload::NobodyThere {
-                        waited_s: waited.as_secs_f64(),
-                        refused: session.refused(),
-                    },
+                    (None, _) => FailedUpload::NobodyThere(session.silence(begin)),
                     (_, Some(words)) => FailedUpload::NotReady(words),
                     (_, None) => FailedUpload::NotReady("its checks did not end".into()),
                 });

@@ -174,7 +174,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         assert!(
             matches!(
                 failed,
-                FailedUpload::NotReady(_) | FailedUpload::NobodyThere { .. }
+                FailedUpload::NotReady(_) | FailedUpload::NobodyThere(_)
             ),
             "{failed}"
         );

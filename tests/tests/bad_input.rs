@@ -47,7 +47,10 @@ fn scenario_with(folder: &Path, old: &str, new: &str) -> String {
 fn a_missing_scenario_is_named() {
     refused(
         &["run", "--scenario", "nowhere/mission.toml"],
-        &["error: nowhere/mission.toml: No such file"],
+        &[
+            "error: nowhere/mission.toml: No such file",
+            "shipped are separated and mixed",
+        ],
     );
 }
 

@@ -186,6 +186,25 @@ fn doctor_and_upload_say_what_they_wait_for_and_end() {
     }
 }
 
+/// Where the link itself knows what is wrong, the complaint says that.
+#[test]
+fn a_refused_connection_is_said() {
+    let link = format!("tcpout:127.0.0.1:{}", free_port());
+    for command in ["doctor", "upload"] {
+        let run = program("host-sim")
+            .args([command, "--speed", "20", "--link", &link])
+            .assert()
+            .code(1);
+        let words = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+        let complaint = words.lines().last().unwrap();
+        assert!(
+            complaint.starts_with("error: no heartbeat of an autopilot in 30 s")
+                && complaint.contains(&format!("{link}: Connection refused")),
+            "{words}"
+        );
+    }
+}
+
 #[test]
 fn nobody_at_the_other_end_is_an_error_that_ends() {
     let folder = tempdir().unwrap();

@@ -7,9 +7,7 @@ use clap::Args;
 use firmware_core::autopilot::{Autopilot, Event};
 use firmware_core::time::Duration;
 use host_sim::{
-    doctor, flight,
-    flight::FlightError,
-    interrupt,
+    doctor, flight, interrupt,
     link::{
         Link, LinkAddress, Port, Session, key,
         lossy::{Impaired, Impairment},
@@ -106,10 +104,7 @@ pub(crate) fn execute(arguments: &AutopilotArguments) -> Result<(), Failure> {
     let patience = arguments.patience();
     let diagnosis = doctor::examine(&mut session, &mut client, patience, &interrupt::flag(), say)?;
     if diagnosis.vehicle.is_none() {
-        return Err(Failure::failed(FlightError::NobodyThere {
-            waited_s: (session.now() - begun).as_secs_f64(),
-            refused: session.refused(),
-        }));
+        return Err(Failure::failed(session.silence(begun)));
     }
     println!("{diagnosis}");
     if diagnosis.is_ready() {

@@ -37,6 +37,7 @@ use thiserror::Error;
 
 use crate::{
     allocation::Allocation,
+    link::Silence,
     record::{FlightEvent, FlightRecord, PathSample, SlotRecord},
     scenario::Scenario,
     vehicle::{Profile, VehicleSettings},
@@ -117,16 +118,8 @@ pub enum FlightError {
     #[error("link: {0}")]
     Link(#[from] std::io::Error),
     /// No autopilot at the other end.
-    #[error(
-        "no heartbeat of an autopilot in {waited_s:.0} s: is it running, and at the other end of --link?{}",
-        refused_in_words(*.refused)
-    )]
-    NobodyThere {
-        /// For how long, seconds of flight.
-        waited_s: f64,
-        /// Frames that came and were refused for their signature.
-        refused: u32,
-    },
+    #[error("{0}")]
+    NobodyThere(Silence),
     /// The mission was broken off.
     #[error("broken off after {slots_done} of {slots} slots: {reason}")]
     BrokenOff {
@@ -137,16 +130,6 @@ pub enum FlightError {
         /// What went wrong, in words.
         reason: String,
     },
-}
-
-/// For the end of a complaint: frames that came and were refused for their signature.
-pub fn refused_in_words(refused: u32) -> String {
-    match refused {
-        0 => String::new(),
-        some => format!(
-            " {some} frames came that were not signed with the key of --signing-key, or replayed"
-        ),
-    }
 }
 
 /// A flight that did not reach its end still leaves a record of what it did.
@@ -298,11 +281,11 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             }
             let waited = now.since(Instant::ZERO);
             if self.onboard.autopilot().phase() == Phase::Connecting && waited > CONNECT_PATIENCE {
-                let counters = self.onboard.status().mavlink;
-                return Err(FlightError::NobodyThere {
+                return Err(FlightError::NobodyThere(Silence {
                     waited_s: waited.as_secs_f64(),
-                    refused: counters.unsigned + counters.bad_signature + counters.replayed,
-                });
+                    refused: self.onboard.status().mavlink.refused(),
+                    trouble: peer.trouble(),
+                }));
             }
             if !stop_asked && observer.wants_stop() {
                 stop_asked = true;

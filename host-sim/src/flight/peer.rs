@@ -265,6 +265,14 @@ impl Peer {
         }
     }
 
+    /// Why the link is down, where that is known.
+    pub(super) fn trouble(&self) -> Option<String> {
+        match &self.vessel {
+            Vessel::BuiltIn(_) => None,
+            Vessel::Elsewhere { link, .. } => link.trouble(),
+        }
+    }
+
     /// Writes out what of the log is still held back.
     pub(super) fn finish(&mut self) -> io::Result<()> {
         match &mut self.log {

@@ -226,6 +226,10 @@ impl Link for Impaired {
     fn is_datagram(&self) -> bool {
         self.link.is_datagram()
     }
+
+    fn trouble(&self) -> Option<String> {
+        self.link.trouble()
+    }
 }
 
 #[cfg(test)]

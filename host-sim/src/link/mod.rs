@@ -40,6 +40,36 @@ pub trait Link: Send + fmt::Debug {
     /// Whether what is received together was sent together: then a frame never continues in
     /// the next piece.
     fn is_datagram(&self) -> bool;
+
+    /// Why the link is down, where that is known: for the complaint when nobody was heard.
+    fn trouble(&self) -> Option<String> {
+        None
+    }
+}
+
+/// Nobody was heard at the other end of a link.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("no heartbeat of an autopilot in {waited_s:.0} s: {}", self.likely_reason())]
+pub struct Silence {
+    /// For how long, seconds of the vehicle's time.
+    pub waited_s: f64,
+    /// Frames that came and were refused for their signature.
+    pub refused: u32,
+    /// Why the link is down, where that is known.
+    pub trouble: Option<String>,
+}
+
+impl Silence {
+    fn likely_reason(&self) -> String {
+        match (&self.trouble, self.refused) {
+            (Some(trouble), _) => trouble.clone(),
+            (None, 0) => "is it running, and at the other end of --link?".into(),
+            (None, refused) => format!(
+                "{refused} frames came that were not signed with the key of --signing-key, or \
+                 replayed"
+            ),
+        }
+    }
 }
 
 /// Where an autopilot is, as `--link` says it.
@@ -189,10 +219,12 @@ impl LinkAddress {
 }
 
 /// Waits before trying again: twice as long each time, up to a limit.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 struct BackOff {
     wait: Duration,
     next: Option<std::time::Instant>,
+    /// What went wrong last.
+    reason: Option<io::Error>,
 }
 
 impl BackOff {
@@ -203,6 +235,7 @@ impl BackOff {
         Self {
             wait: Self::FIRST,
             next: None,
+            reason: None,
         }
     }
 
@@ -211,7 +244,8 @@ impl BackOff {
             .is_none_or(|next| std::time::Instant::now() >= next)
     }
 
-    fn failed(&mut self) {
+    fn failed(&mut self, reason: io::Error) {
+        self.reason = Some(reason);
         self.next = Some(std::time::Instant::now() + self.wait);
         self.wait = (self.wait * 2).min(Self::LONGEST);
     }

@@ -62,6 +62,11 @@ impl Port {
         self.decoder.counters()
     }
 
+    /// Why the link is down, where that is known.
+    pub fn trouble(&self) -> Option<String> {
+        self.link.trouble()
+    }
+
     /// Sends a message; false if the link is down and dropped it.
     pub fn send(&mut self, now: Instant, message: &MavMessage) -> io::Result<bool> {
         let mut buffer = [0; MAX_FRAME];

@@ -43,15 +43,15 @@ mod unix {
                         self.file = Some(file);
                         self.back_off = BackOff::new();
                     }
-                    Err(_) => self.back_off.failed(),
+                    Err(error) => self.back_off.failed(error),
                 }
             }
             self.file.as_mut()
         }
 
-        fn broken(&mut self) {
+        fn broken(&mut self, reason: io::Error) {
             self.file = None;
-            self.back_off.failed();
+            self.back_off.failed(reason);
         }
     }
 
@@ -86,8 +86,8 @@ mod unix {
                 Ok(()) => Ok(true),
                 // The device's buffer is full: the receiver resynchronises on the next frame.
                 Err(error) if is_idle(&error) => Ok(false),
-                Err(_) => {
-                    self.broken();
+                Err(error) => {
+                    self.broken(error);
                     Ok(false)
                 }
             }
@@ -111,13 +111,13 @@ mod unix {
             buffer.resize(PIECE, 0);
             let length = match file.read(buffer) {
                 Ok(0) => {
-                    self.broken();
+                    self.broken(io::ErrorKind::UnexpectedEof.into());
                     0
                 }
                 Ok(length) => length,
                 Err(error) => {
                     if !is_idle(&error) {
-                        self.broken();
+                        self.broken(error);
                     }
                     0
                 }
@@ -128,6 +128,10 @@ mod unix {
 
         fn is_datagram(&self) -> bool {
             false
+        }
+
+        fn trouble(&self) -> Option<String> {
+            self.back_off.reason.as_ref().map(io::Error::to_string)
         }
     }
 

@@ -8,7 +8,7 @@ use firmware_core::autopilot::wire::Address;
 use firmware_core::time::Instant;
 use mavlink::dialects::common::MavMessage;
 
-use super::Port;
+use super::{Port, Silence};
 
 /// A port and a clock that runs `speed` times as fast as the wall's.
 #[derive(Debug)]
@@ -33,10 +33,13 @@ impl Session {
         Instant::from_micros((self.begin.elapsed().as_secs_f64() * self.speed * 1e6) as u64)
     }
 
-    /// Frames that came and were refused for their signature.
-    pub fn refused(&self) -> u32 {
-        let counters = self.port.counters();
-        counters.unsigned + counters.bad_signature + counters.replayed
+    /// What to say when nobody was heard since `since`.
+    pub fn silence(&self, since: Instant) -> Silence {
+        Silence {
+            waited_s: (self.now() - since).as_secs_f64(),
+            refused: self.port.counters().refused(),
+            trouble: self.port.trouble(),
+        }
     }
 
     /// Sends a message.

@@ -45,15 +45,15 @@ impl TcpOut {
                     self.stream = Some(stream);
                     self.back_off = BackOff::new();
                 }
-                Err(_) => self.back_off.failed(),
+                Err(error) => self.back_off.failed(error),
             }
         }
         self.stream.as_mut()
     }
 
-    fn broken(&mut self) {
+    fn broken(&mut self, reason: io::Error) {
         self.stream = None;
-        self.back_off.failed();
+        self.back_off.failed(reason);
     }
 }
 
@@ -63,11 +63,14 @@ impl Link for TcpOut {
             return Ok(false);
         };
         // A frame that was sent in part cannot be taken back: the connection starts anew.
-        let sent = stream.write_all(frame).is_ok();
-        if !sent {
-            self.broken();
-        }
-        Ok(sent)
+        let sent = stream.write_all(frame);
+        sent.map_or_else(
+            |error| {
+                self.broken(error);
+                Ok(false)
+            },
+            |()| Ok(true),
+        )
     }
 
     fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
@@ -90,9 +93,14 @@ impl Link for TcpOut {
                 buffer.clear();
                 Ok(false)
             }
-            Ok(Some(_)) | Err(_) => {
+            Ok(Some(_)) => {
                 buffer.clear();
-                self.broken();
+                self.broken(io::ErrorKind::ConnectionAborted.into());
+                Ok(false)
+            }
+            Err(error) => {
+                buffer.clear();
+                self.broken(error);
                 Ok(false)
             }
         }
@@ -100,6 +108,11 @@ impl Link for TcpOut {
 
     fn is_datagram(&self) -> bool {
         false
+    }
+
+    fn trouble(&self) -> Option<String> {
+        let reason = self.back_off.reason.as_ref()?;
+        Some(format!("tcpout:{}: {reason}", self.to))
     }
 }
 

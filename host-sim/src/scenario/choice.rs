@@ -74,7 +74,10 @@ impl Scenario {
     pub fn named(name: &Path) -> Result<Self, String> {
         match name.to_str().and_then(Self::shipped) {
             Some(shipped) => Ok(shipped),
-            None => Self::load(name).map_err(|error| error.to_string()),
+            None => Self::load(name).map_err(|error| match name.exists() {
+                true => error.to_string(),
+                false => format!("{error}; shipped are separated and mixed"),
+            }),
         }
     }
 

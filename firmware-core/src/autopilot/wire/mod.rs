@@ -73,6 +73,13 @@ pub struct Counters {
     pub replayed: u32,
 }
 
+impl Counters {
+    /// Good frames that were refused for their signature, or for having none.
+    pub fn refused(&self) -> u32 {
+        self.unsigned + self.bad_signature + self.replayed
+    }
+}
+
 /// One checked frame, still as bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {

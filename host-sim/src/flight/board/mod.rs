@@ -34,6 +34,7 @@ pub use image::Image;
 
 use crate::{
     flight::{Clock, Peer},
+    link::Silence,
     record::{FlightEvent, FlightRecord, PathSample},
     scenario::Scenario,
     vehicle::Profile,
@@ -263,10 +264,11 @@ impl<B: Board> BoardFlight<'_, B> {
             }
             let waited = now.since(Instant::ZERO);
             if round.phase == Phase::Connecting && waited > CONNECT_PATIENCE {
-                return Err(FlightError::NobodyThere {
+                return Err(FlightError::NobodyThere(Silence {
                     waited_s: waited.as_secs_f64(),
                     refused: 0,
-                });
+                    trouble: peer.trouble(),
+                }));
             }
             if !stop_asked && observer.wants_stop() {
                 stop_asked = true;
