@@ -3,14 +3,17 @@
 use std::{fmt, str::FromStr};
 
 use firmware_core::{
-    Watt,
+    Mission, Scalar, Watt,
     inner::{Method, alternating},
 };
+
+use serde::{Deserialize, Serialize};
 
 use crate::scenario::HostMission;
 
 /// A choice as written on the command line.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum Allocation {
     /// The global optimum in closed form.
     #[default]
@@ -48,17 +51,20 @@ impl Allocation {
     }
 
     /// The method for a mission.
-    pub fn method(self, mission: &HostMission) -> Method<f64> {
+    pub fn method<T: Scalar, const M: usize, const J: usize>(
+        self,
+        mission: &Mission<T, M, J>,
+    ) -> Method<T> {
         let p = mission.parameters();
         match self {
             Self::Exact => Method::Exact,
             Self::Alternating => Method::Alternating(alternating::Settings::default()),
             Self::FixedUserPower(power) => {
-                Method::FixedUserPower(power.map_or(p.user_power_max, Watt))
+                Method::FixedUserPower(power.map_or(p.user_power_max, |watts| Watt(T::of(watts))))
             }
-            Self::FixedSensorPower(power) => {
-                Method::FixedSensorPower(power.map_or(p.sensor_power_max, Watt))
-            }
+            Self::FixedSensorPower(power) => Method::FixedSensorPower(
+                power.map_or(p.sensor_power_max, |watts| Watt(T::of(watts))),
+            ),
         }
     }
 }
@@ -87,6 +93,20 @@ impl FromStr for Allocation {
                       fixed-sensor-power[:WATTS]"
                 .into()),
         }
+    }
+}
+
+impl TryFrom<String> for Allocation {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Allocation> for String {
+    fn from(allocation: Allocation) -> Self {
+        allocation.to_string()
     }
 }
 

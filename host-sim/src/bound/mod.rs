@@ -143,15 +143,7 @@ pub fn certify<const M: usize, const J: usize>(
 ) -> Result<Bound, BoundError> {
     let started = Instant::now();
     let rate_bound = RateBound::new(mission);
-    let mut certifier = Certifier {
-        mission,
-        settings,
-        rate_bound: &rate_bound,
-        rules: PathRules::new(mission),
-        best: None,
-        leaves: Vec::new(),
-        progress,
-    };
+    let mut certifier = Certifier::new(mission, settings, &rate_bound, progress);
     certifier.start()?;
     let multipliers = certifier.leaves[0].multipliers.clone();
     certifier.part();
@@ -188,6 +180,24 @@ pub fn search<const M: usize, const J: usize>(
     certify(mission, &settings, progress).map(|bound| bound.plan)
 }
 
+/// The prices of fairness of a mission, bit/s/Hz per user: those at which [`certify`] starts, of
+/// the least bound at cells of a quarter of `V_max delta`. A few seconds of one processor.
+///
+/// # Errors
+/// A mission that is too large.
+pub fn fairness_prices<const M: usize, const J: usize>(
+    mission: &Mission<f64, M, J>,
+) -> Result<Vec<f64>, BoundError> {
+    let leaf = Certifier::new(
+        mission,
+        &Settings::default(),
+        &RateBound::new(mission),
+        |_| (),
+    )
+    .whole()?;
+    Ok(leaf.multipliers)
+}
+
 fn no_room<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> BoundError {
     let p = mission.parameters();
     BoundError::NoRoom {
@@ -207,7 +217,24 @@ struct Certifier<'a, F, const M: usize, const J: usize> {
     progress: F,
 }
 
-impl<F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'_, F, M, J> {
+impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M, J> {
+    fn new(
+        mission: &'a Mission<f64, M, J>,
+        settings: &'a Settings,
+        rate_bound: &'a RateBound<'a, M, J>,
+        progress: F,
+    ) -> Self {
+        Self {
+            mission,
+            settings,
+            rate_bound,
+            rules: PathRules::new(mission),
+            best: None,
+            leaves: Vec::new(),
+            progress,
+        }
+    }
+
     fn lower(&self) -> f64 {
         self.best.as_ref().map_or(0.0, |plan| plan.sum_rate)
     }
@@ -243,7 +270,7 @@ impl<F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'_, F, M, J>
     }
 
     /// One leaf with all missions, at the depth where they are parted.
-    fn start(&mut self) -> Result<(), BoundError> {
+    fn whole(&self) -> Result<Leaf, BoundError> {
         let p = self.mission.parameters();
         let extent_m = p.area.east_m.max(p.area.north_m);
         // A side a hair above V delta over a power of two: then moves along the axes are not
@@ -266,6 +293,12 @@ impl<F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'_, F, M, J>
             let descent = self.descent(120, 0.02, 1e-4);
             leaf = Leaf::solve(level, leaf.multipliers, &descent, self.lower());
         }
+        Ok(leaf)
+    }
+
+    fn start(&mut self) -> Result<(), BoundError> {
+        let leaf = self.whole()?;
+        let side_m = leaf.level.grid.side_m;
         self.try_paths(&leaf, 4);
         if self.best.is_none() {
             self.try_straight_line();

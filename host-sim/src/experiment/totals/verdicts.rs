@@ -29,21 +29,19 @@ impl Totals<'_> {
         // NaN where Table I's settings were not trained: then the other counts.
         tuned.max(self.rate(cell, Approach::SacTableOne))
     }
-}
 
-/// What an approach reaches of another over the cells, in per cent.
-fn shares(
-    totals: &Totals<'_>,
-    cells: &[Cell],
-    of: impl Fn(&Cell) -> f64,
-    reference: Approach,
-) -> String {
-    let (low, high) = range(
-        cells
+    /// What an approach reaches of another over the cells in which it was flown, in per cent.
+    fn share(&self, cells: &[Cell], of: Approach, reference: Approach) -> String {
+        self.share_of(cells, |cell| self.rate(cell, of), reference)
+    }
+
+    fn share_of(&self, cells: &[Cell], rate: impl Fn(&Cell) -> f64, reference: Approach) -> String {
+        let shares = cells
             .iter()
-            .map(|cell| of(cell) / totals.rate(cell, reference)),
-    );
-    format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high)
+            .map(|cell| rate(cell) / self.rate(cell, reference));
+        let (low, high) = range(shares.filter(|share| !share.is_nan()));
+        format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high)
+    }
 }
 
 /// How often a total rises from each mission to the next of the same kind.
@@ -76,11 +74,6 @@ fn same_topology_and_noise(a: &Cell, b: &Cell) -> bool {
 /// fig:alg.
 pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
     let (totals, cells) = (Totals(rows), cells(Experiment::Approaches));
-    let quiet: Vec<Cell> = cells
-        .iter()
-        .copied()
-        .filter(|cell| cell.noise_dbm == NOISE_DBM)
-        .collect();
     let mut rising = Tally::default();
     for &approach in approaches(Experiment::Approaches) {
         let tally = rises(&totals, &cells, approach, same_topology_and_noise);
@@ -118,18 +111,8 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Clai
             format!(
                 "The better preset of SAC is above in {best} comparisons; SAC comes to {} of the \
                  certified bound, with Table I's settings to {}.",
-                shares(
-                    &totals,
-                    &cells,
-                    |cell| totals.rate(cell, Approach::Sac),
-                    Approach::Bound
-                ),
-                shares(
-                    &totals,
-                    &quiet,
-                    |cell| totals.rate(cell, Approach::SacTableOne),
-                    Approach::Bound
-                ),
+                totals.share(&cells, Approach::Sac, Approach::Bound),
+                totals.share(&cells, Approach::SacTableOne, Approach::Bound),
             ),
             "",
         ),
@@ -139,18 +122,8 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Clai
             format!(
                 "DDPG comes to {} of the certified bound, the straight line to {}; DDPG is above \
                  it in {between} cells.",
-                shares(
-                    &totals,
-                    &cells,
-                    |cell| totals.rate(cell, Approach::Ddpg),
-                    Approach::Bound
-                ),
-                shares(
-                    &totals,
-                    &cells,
-                    |cell| totals.rate(cell, Approach::StraightLine),
-                    Approach::Bound
-                ),
+                totals.share(&cells, Approach::Ddpg, Approach::Bound),
+                totals.share(&cells, Approach::StraightLine, Approach::Bound),
             ),
             "At the loosest threshold DDPG flies along the edge of the area (fig:topo_ddpg): its policy \
              has settled at the limits of its action.",
@@ -161,8 +134,8 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Clai
             format!(
                 "The better preset comes to {} of the best known mission and {} of the certified \
                  bound; at least 97 % and 95 % in {near} cells, at {NOISE_DBM} dBm in {}.",
-                shares(&totals, &cells, |cell| totals.sac(cell), Approach::Search),
-                shares(&totals, &cells, |cell| totals.sac(cell), Approach::Bound),
+                totals.share_of(&cells, |cell| totals.sac(cell), Approach::Search),
+                totals.share_of(&cells, |cell| totals.sac(cell), Approach::Bound),
                 near_quiet,
             ),
             "At -85 dBm rates vary more over the area, so that the order of service matters more; \
@@ -259,12 +232,7 @@ fn best_of_strategies(totals: &Totals<'_>, cells: &[Cell]) -> Claim {
         for cell in cells {
             best.add(totals.rate(cell, Approach::Sac) > totals.rate(cell, approach));
         }
-        let of_sac = shares(
-            totals,
-            cells,
-            |cell| totals.rate(cell, approach),
-            Approach::Sac,
-        );
+        let of_sac = totals.share(cells, approach, Approach::Sac);
         let _ = write!(text, " {}: {of_sac} of SAC's total.", approach.title());
     }
     Claim::new(
@@ -294,12 +262,7 @@ pub(in crate::experiment) fn claims_of_mission_time(rows: &[TotalRow]) -> Vec<Cl
             format!(
                 "It rises in {rising} steps, at {low:.3} to {high:.3} bit/s/Hz per slot; SAC comes \
                  to {} of the certified bound.",
-                shares(
-                    &totals,
-                    &cells,
-                    |cell| totals.rate(cell, Approach::Sac),
-                    Approach::Bound
-                ),
+                totals.share(&cells, Approach::Sac, Approach::Bound),
             ),
             "",
         ),
