@@ -24,6 +24,8 @@ def main() -> None:
 
     probe = subprocess.run([trainer, "probe", path], check=True, capture_output=True, text=True)
     lines = [json.loads(line) for line in probe.stdout.splitlines()]
+    if len(lines) != 10_000:
+        sys.exit(f"{path}: {len(lines)} observations of 10,000")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(path, options)
@@ -35,7 +37,9 @@ def main() -> None:
         outputs = session.run(["displacement", "user_scores"], {"observation": observation})
         for name, output in zip(worst, outputs):
             error = np.abs(output[0] - np.array(line[name], dtype=np.float32)).max()
-            worst[name] = max(worst[name], float(error) / full_scale[name])
+            # A NaN is no agreement; max() would pass over it.
+            error = float(error) / full_scale[name]
+            worst[name] = max(worst[name], error if np.isfinite(error) else np.inf)
     print(f"{path}: onnx.checker ok; {len(lines)} observations; largest difference "
           + ", ".join(f"{name} {error:.1e}" for name, error in worst.items()) + " of full scale")
     if max(worst.values()) > 1e-5:

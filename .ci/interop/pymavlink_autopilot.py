@@ -1,7 +1,7 @@
 """An autopilot that none of our code wrote, flown by our client: it behaves as ArduCopter does,
 around a point mass, on pymavlink's messages.
 
-Usage: pymavlink_autopilot.py HOST_SIM_BINARY [signed]
+Usage: pymavlink_autopilot.py HOST_SIM_BINARY
 
 The default mission is flown at five times real time, with parameters set and put back, and a
 ground station beside; then once more, and the pilot takes over in the middle.
@@ -11,7 +11,6 @@ import json
 import math
 import os
 import pathlib
-import signal
 import subprocess
 import sys
 import tempfile

@@ -118,7 +118,7 @@ impl Actor {
             .collect()
     }
 
-    /// A state in the middle of a mission, no two features alike, and what it gives.
+    /// A state in the middle of a mission, hardly two features alike, and what it gives.
     pub fn test_vector(&self) -> TestVector {
         let pairs = self.normalizer.offset.iter().zip(&self.normalizer.scale);
         let observation: Vec<f32> = pairs

@@ -24,7 +24,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"UAVC";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 const CHECKSUM: Crc<u32, crc::Table<16>> = Crc::<u32, crc::Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// A policy that was evaluated.
@@ -43,6 +43,8 @@ pub struct Evaluated {
 pub struct Progress {
     /// Of the run.
     pub settings: Settings,
+    /// The prices of fairness, bit/s/Hz; empty where the settings ask for none.
+    pub prices: Vec<f64>,
     /// The scenario's name.
     pub scenario: String,
     /// The digest of its mission.
@@ -128,7 +130,15 @@ impl<S: DeserializeOwned> Checkpoint<S> {
             found.name(),
             algorithm.name()
         );
-        postcard::from_bytes(&bytes[10..]).with_context(|| format!("{}: damaged", path.display()))
+        let (saved, rest) = postcard::take_from_bytes(&bytes[10..])
+            .with_context(|| format!("{}: damaged", path.display()))?;
+        ensure!(
+            rest.is_empty(),
+            "{}: damaged: {} bytes too many",
+            path.display(),
+            rest.len()
+        );
+        Ok(saved)
     }
 }
 

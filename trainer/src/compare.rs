@@ -6,6 +6,7 @@ use std::{fmt::Write as _, path::Path};
 use anyhow::{Context, bail, ensure};
 use firmware_core::policy::{StraightLine, mlp::Mlp};
 use host_sim::{
+    allocation::Allocation,
     bound,
     scenario::{HostMission, Scenario},
 };
@@ -35,7 +36,7 @@ impl References {
     pub fn of(mission: &HostMission) -> anyhow::Result<Self> {
         let bound = bound::certify(mission, &bound::Settings::default(), |_| ())?;
         Ok(Self {
-            straight_line: fly(mission, StraightLine::new(mission))?.sum_rate,
+            straight_line: fly(mission, StraightLine::new(mission), Allocation::Exact)?.sum_rate,
             search: bound.lower,
             bound: bound.upper,
         })
@@ -87,9 +88,10 @@ impl Comparison {
         let best = run.progress.best.as_ref();
         let best = best.context("the run has no admissible policy")?;
         let mission = &run.scenario.mission;
-        let flight = fly(mission, Mlp::load(best.actor.to_policy_file()?)?)?;
+        let inner = run.progress.settings.inner;
+        let flight = fly(mission, Mlp::load(best.actor.to_policy_file()?)?, inner)?;
         ensure!(
-            flight.is_admissible(),
+            flight.is_admissible_under(inner),
             "its best policy breaks a constraint"
         );
         let column = self.column(&run.scenario)?;
@@ -185,6 +187,10 @@ impl Comparison {
                 worst > line,
                 "{label}: SAC has {worst:.3}, the straight line {line:.3}"
             );
+            ensure!(
+                of(Algorithm::Ddpg).next().is_some(),
+                "{label}: no run of DDPG"
+            );
             for ddpg in of(Algorithm::Ddpg) {
                 ensure!(best >= ddpg, "{label}: SAC has {best:.3}, DDPG {ddpg:.3}");
             }
@@ -236,34 +242,53 @@ const LEARNING_RATES: [&str; 3] = [
     "temperature_learning_rate",
 ];
 
-/// The algorithm, and what is not as in Table I.
+/// The algorithm and a preset, Table I unless said, and what is not as there: the preset from
+/// which the least differs.
 fn label(settings: &Settings) -> anyhow::Result<String> {
     let name = settings.algorithm.name().to_uppercase();
-    let preset = |preset| Settings::preset(preset, settings.algorithm, settings.seed);
-    let table = |settings: &Settings| toml::Table::try_from(settings);
-    let (own, paper) = (table(settings)?, table(&preset(Preset::Paper))?);
+    let mut shortest: Option<(String, Vec<(String, String)>)> = None;
+    for (preset, known_as) in [
+        (Preset::Paper, ""),
+        (Preset::Tuned, ", tuned"),
+        (Preset::Extended, ", extended"),
+    ] {
+        let preset = Settings::preset(preset, settings.algorithm, settings.seed);
+        let changed = changes(settings, &preset)?;
+        if shortest
+            .as_ref()
+            .is_none_or(|(_, least)| changed.len() < least.len())
+        {
+            shortest = Some((format!("{name}{known_as}"), changed));
+        }
+    }
+    let (start, changed) = shortest.unwrap_or_default();
+    Ok(changed.into_iter().fold(start, |label, (key, value)| {
+        format!("{label}, {} {value}", key.replace('_', " "))
+    }))
+}
+
+/// What of the settings differs from a preset, and how it reads.
+fn changes(settings: &Settings, preset: &Settings) -> anyhow::Result<Vec<(String, String)>> {
+    let (own, preset) = (
+        toml::Table::try_from(settings)?,
+        toml::Table::try_from(preset)?,
+    );
     let changed = own.iter().filter(|(key, value)| {
-        !BESIDE_LEARNING.contains(&key.as_str()) && paper.get(*key) != Some(value)
+        !BESIDE_LEARNING.contains(&key.as_str()) && preset.get(*key) != Some(value)
     });
-    let mut changed: Vec<(&str, String)> = changed
-        .map(|(key, value)| (key.as_str(), shown(value)))
+    let mut changed: Vec<(String, String)> = changed
+        .map(|(key, value)| (key.clone(), shown(value)))
         .collect();
     let rate = settings.policy_learning_rate;
+    let of_rates = |key: &String| LEARNING_RATES.contains(&key.as_str());
     if settings.critic_learning_rate == rate
         && settings.temperature_learning_rate == rate
-        && changed.iter().any(|(key, _)| LEARNING_RATES.contains(key))
+        && changed.iter().any(|(key, _)| of_rates(key))
     {
-        changed.retain(|(key, _)| !LEARNING_RATES.contains(key));
-        changed.push(("learning rates", format!("{rate:e}")));
+        changed.retain(|(key, _)| !of_rates(key));
+        changed.push(("learning rates".into(), format!("{rate:e}")));
     }
-    if changed.is_empty() {
-        return Ok(name);
-    }
-    let changed: Vec<String> = changed
-        .iter()
-        .map(|(key, value)| format!("{} {value}", key.replace('_', " ")))
-        .collect();
-    Ok(format!("{name}, {}", changed.join(", ")))
+    Ok(changed)
 }
 
 /// A number with the digits that its single precision has.
@@ -290,9 +315,14 @@ mod tests {
         (s.evaluate_every, s.discount) = (50, 0.98);
         assert_eq!(label(&s).unwrap(), "SAC, discount 0.98");
         let tuned = Settings::preset(Preset::Tuned, Algorithm::Sac, 1);
+        assert_eq!(label(&tuned).unwrap(), "SAC, tuned");
+        let unpriced = Settings {
+            fairness_prices: false,
+            ..Settings::preset(Preset::Extended, Algorithm::Sac, 1)
+        };
         assert_eq!(
-            label(&tuned).unwrap(),
-            "SAC, discount 0.95, learning rates 3e-4"
+            label(&unpriced).unwrap(),
+            "SAC, extended, fairness prices false"
         );
         s = settings(Algorithm::Ddpg);
         s.critic_learning_rate = 1e-3;

@@ -1,13 +1,16 @@
 //! The learning environment: the MDP of Sec. V-A over the onboard code.
 //!
-//! Shield, fairness rule, channel, exact slot solution and MSE are firmware-core's; only the
+//! Shield, fairness rule, channel, slot solution and MSE are firmware-core's; only the
 //! reward is written here:
 //!
 //! ```text
-//! r   = lambda_1 r^c + lambda_2 r^d
+//! r   = lambda_1 (r^c + p_m) + lambda_2 r^d
 //! r^c = R_n  where the slot keeps the constraints, else 0
 //! r^d = R_f  if n = N and ||q_N - q_f|| <= V_max delta,  else  -n ||q_n - q_f||
 //! ```
+//!
+//! `p_m` is the price of fairness of the served user `m`, where the settings ask for prices
+//! ([`Environment::with_prices`]), else 0 as in the paper.
 //!
 //! [`Constraints::Shielded`] flies what would fly: displacement and user are projected, so every
 //! episode arrives and is fair. [`Constraints::Penalty`] is the paper's form: area and speed are
@@ -16,7 +19,7 @@
 use firmware_core::{
     Displacement, Mission, Position, PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
     aircomp::Slot,
-    inner::{SlotLimits, Status, Workspace},
+    inner::{Method, SlotLimits, Status, Workspace},
     policy::Observation,
     shield::{self, Fairness, Intervention, ReachableSet},
 };
@@ -71,7 +74,7 @@ pub struct Reward {
     pub rate: f64,
     /// `r^d`, metres times slots (or `R_f`).
     pub trajectory: f64,
-    /// `lambda_1 r^c + lambda_2 r^d`.
+    /// `lambda_1 (r^c + p_m) + lambda_2 r^d`.
     pub total: f64,
 }
 
@@ -88,6 +91,17 @@ pub struct Step {
     pub intervention: Intervention,
     /// Slot `N` is over.
     pub last: bool,
+}
+
+/// A step and where it leads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outlook {
+    /// What it came to.
+    pub step: Step,
+    /// Who may be served next.
+    pub admissible: UserSet,
+    /// Whether the displacement's entropy counts next: [`Environment::has_choice`].
+    pub has_choice: bool,
 }
 
 /// How an episode ended.
@@ -111,6 +125,9 @@ pub struct Episode {
     pub fair: bool,
 }
 
+/// Slack below which the shield leaves no choice, in units of `V_max delta`.
+const FORCED: f64 = 0.03;
+
 /// Weights of the reward.
 #[derive(Clone, Copy, Debug)]
 struct Weights {
@@ -124,10 +141,20 @@ struct Weights {
 pub struct Environment<T: Scalar> {
     mission: Mission<T, USERS_MAX, SENSORS_MAX>,
     limits: SlotLimits<T>,
+    method: Method<T>,
     constraints: Constraints,
     weights: Weights,
+    /// `p_m`, bit/s/Hz.
+    prices: Vec<f64>,
+    entropy_when_forced: bool,
     normalizer: Normalizer,
     workspace: Workspace<T, SENSORS_MAX>,
+    now: Moment<T>,
+}
+
+/// What changes from slot to slot.
+#[derive(Clone, Debug)]
+struct Moment<T: Scalar> {
     fairness: Fairness<USERS_MAX>,
     slots_done: u32,
     position: Position<T>,
@@ -136,29 +163,49 @@ pub struct Environment<T: Scalar> {
     episode: Episode,
 }
 
+impl<T: Scalar> Moment<T> {
+    fn start(mission: &Mission<T, USERS_MAX, SENSORS_MAX>) -> Self {
+        Self {
+            fairness: Fairness::new(mission),
+            slots_done: 0,
+            position: mission.parameters().start,
+            rate: T::zero(),
+            mse: T::zero(),
+            episode: Episode::default(),
+        }
+    }
+}
+
 impl<T: Scalar> Environment<T> {
     /// At the start of the mission.
     pub fn new(mission: Mission<T, USERS_MAX, SENSORS_MAX>, settings: &Settings) -> Self {
-        let mut environment = Self {
+        Self {
             limits: SlotLimits::of_mission(&mission),
+            method: settings.inner.method(&mission),
             constraints: settings.constraints,
             weights: Weights {
                 rate: settings.rate_weight.into(),
                 trajectory: settings.trajectory_weight.into(),
                 arrival: settings.arrival_reward.into(),
             },
+            prices: vec![0.0; mission.user_count()],
             normalizer: Normalizer::of_mission(&mission),
+            entropy_when_forced: settings.entropy_when_forced,
             workspace: Workspace::default(),
-            fairness: Fairness::new(&mission),
-            slots_done: 0,
-            position: mission.parameters().start,
-            rate: T::zero(),
-            mse: T::zero(),
-            episode: Episode::default(),
+            now: Moment::start(&mission),
             mission,
-        };
-        environment.reset();
-        environment
+        }
+    }
+
+    /// With prices of fairness `lambda_m` (`docs/bound.md`), bit/s/Hz: serving `m` earns
+    /// `lambda_m` less `floor(N/M) sum lambda / N`, so that they add up to nothing over a
+    /// mission in which every user has its quota.
+    pub fn with_prices(mut self, prices: &[f64]) -> Self {
+        let (slots, quota) = (self.mission.slots(), self.mission.quota());
+        let paid = f64::from(quota) * prices.iter().sum::<f64>();
+        let mean = paid / f64::from(slots);
+        self.prices = prices.iter().map(|price| price - mean).collect();
+        self
     }
 
     /// Sizes for the learner.
@@ -177,33 +224,28 @@ impl<T: Scalar> Environment<T> {
 
     /// Back to the start.
     pub fn reset(&mut self) {
-        self.fairness = Fairness::new(&self.mission);
-        self.slots_done = 0;
-        self.position = self.mission.parameters().start;
-        self.rate = T::zero();
-        self.mse = T::zero();
-        self.episode = Episode::default();
+        self.now = Moment::start(&self.mission);
     }
 
     /// Where the vehicle is, metres.
     pub fn position(&self) -> Position<T> {
-        self.position
+        self.now.position
     }
 
     /// The episode so far.
     pub fn episode(&self) -> &Episode {
-        &self.episode
+        &self.now.episode
     }
 
     /// Writes the normalised state; `state` must hold `M + 4` numbers.
     pub fn observe(&self, state: &mut [f32]) {
         let mut raw = [T::zero(); USERS_MAX + 4];
         let len = Observation {
-            slot: self.slots_done + 1,
-            counts: self.fairness.counts(),
-            rate: self.rate,
-            mse: self.mse,
-            position: self.position,
+            slot: self.now.slots_done + 1,
+            counts: self.now.fairness.counts(),
+            rate: self.now.rate,
+            mse: self.now.mse,
+            position: self.now.position,
         }
         .write_state(&mut raw);
         for (x, raw) in state.iter_mut().zip(&raw[..len]) {
@@ -216,17 +258,50 @@ impl<T: Scalar> Environment<T> {
     pub fn admissible(&self) -> UserSet {
         let users = self.mission.user_count();
         let everybody = UserSet::MAX >> (UserSet::BITS - users as u32);
-        if self.constraints == Constraints::Penalty || self.slots_done == self.mission.slots() {
+        if self.constraints == Constraints::Penalty || self.now.slots_done == self.mission.slots() {
             return everybody;
         }
         (0..users)
-            .filter(|&user| self.fairness.admits(user))
+            .filter(|&user| self.now.fairness.admits(user))
             .fold(0, |set, user| set | 1 << user)
+    }
+
+    /// Whether the displacement's entropy counts in this state: whether the shield leaves a
+    /// choice, where the settings make that distinction. It leaves none once the way home takes
+    /// all the slots that are left, up to [`FORCED`].
+    pub fn has_choice(&self) -> bool {
+        if self.entropy_when_forced || self.constraints == Constraints::Penalty {
+            return true;
+        }
+        let left = self.mission.slots() - self.now.slots_done;
+        let home_m = (self.now.position - self.mission.parameters().destination).norm();
+        let slack_m = self.mission.reach_m() * T::count(left as usize + 1) - home_m;
+        slack_m > self.mission.reach_m() * T::of(FORCED)
+    }
+
+    /// What [`step`](Self::step) would come to, and lead to. Writes the state that follows;
+    /// nothing is flown.
+    pub fn foresee(&mut self, choice: &Choice, state: &mut [f32]) -> Outlook {
+        let now = self.now.clone();
+        let outlook = self.advance(choice, state);
+        self.now = now;
+        outlook
+    }
+
+    /// Flies a slot and writes the state that follows.
+    pub fn advance(&mut self, choice: &Choice, state: &mut [f32]) -> Outlook {
+        let step = self.step(choice);
+        self.observe(state);
+        Outlook {
+            step,
+            admissible: self.admissible(),
+            has_choice: self.has_choice(),
+        }
     }
 
     /// Flies a slot. Steps after the last one go nowhere: [`reset`](Self::reset) first.
     pub fn step(&mut self, choice: &Choice) -> Step {
-        let slot = self.slots_done + 1;
+        let slot = self.now.slots_done + 1;
         let reach = self.mission.reach_m();
         let wish = Displacement::new(
             T::of(choice.action[0].into()) * reach,
@@ -234,25 +309,27 @@ impl<T: Scalar> Environment<T> {
         );
         let mut intervention = Intervention::default();
         let waypoint = shield::admissible_waypoint(&self.reachable(slot), &wish, &mut intervention);
-        let fair = self.fairness.admits(choice.user);
-        self.position = waypoint;
+        let fair = self.now.fairness.admits(choice.user);
+        self.now.position = waypoint;
         let feasible = self.solve_slot(choice.user);
-        self.fairness.record(Some(choice.user));
-        self.slots_done = slot;
+        self.now.fairness.record(Some(choice.user));
+        self.now.slots_done = slot;
 
         let last = slot >= self.mission.slots();
         let left_m = (waypoint - self.mission.parameters().destination).norm();
         let arrived = last && self.mission.has_arrived(&waypoint);
-        let rate = self.rate.to_f64();
+        let rate = self.now.rate.to_f64();
         let rate_reward = if fair && feasible { rate } else { 0.0 };
         let trajectory = if arrived {
             self.weights.arrival
         } else {
             -f64::from(slot) * left_m.to_f64()
         };
-        let total = self.weights.rate * rate_reward + self.weights.trajectory * trajectory;
+        let price = if fair { self.prices[choice.user] } else { 0.0 };
+        let total =
+            self.weights.rate * (rate_reward + price) + self.weights.trajectory * trajectory;
 
-        let e = &mut self.episode;
+        let e = &mut self.now.episode;
         e.reward += total;
         e.rate_reward += self.weights.rate * rate_reward;
         e.trajectory_reward += self.weights.trajectory * trajectory;
@@ -260,7 +337,7 @@ impl<T: Scalar> Environment<T> {
         e.mse_violations += u32::from(!feasible);
         e.interventions += u32::from(intervention.any());
         e.arrived = arrived;
-        e.fair = self.fairness.is_fair();
+        e.fair = self.now.fairness.is_fair();
         Step {
             reward: Reward {
                 rate: rate_reward,
@@ -276,13 +353,13 @@ impl<T: Scalar> Environment<T> {
 
     fn reachable(&self, slot: u32) -> ReachableSet<T> {
         match self.constraints {
-            Constraints::Shielded => ReachableSet::of_slot(&self.mission, slot, self.position),
+            Constraints::Shielded => ReachableSet::of_slot(&self.mission, slot, self.now.position),
             Constraints::Penalty => {
                 let p = self.mission.parameters();
                 // Far enough home for any place of the area: the paper's boundary projection.
                 let anywhere = p.area.east_m + p.area.north_m;
                 let reach = self.mission.reach_m();
-                ReachableSet::new(p.area, self.position, reach, p.destination, anywhere)
+                ReachableSet::new(p.area, self.now.position, reach, p.destination, anywhere)
             }
         }
     }
@@ -294,13 +371,13 @@ impl<T: Scalar> Environment<T> {
         let mut gains = [PowerGain(T::zero()); SENSORS_MAX];
         let gains = &mut gains[..p.sensors.len()];
         for (gain, sensor) in gains.iter_mut().zip(&p.sensors) {
-            *gain = channel.power_gain(&self.position, sensor);
+            *gain = channel.power_gain(&self.now.position, sensor);
         }
-        let user_gain = channel.power_gain(&self.position, &p.users[user]);
+        let user_gain = channel.power_gain(&self.now.position, &p.users[user]);
         let solution = self
             .workspace
             .sensors(&self.limits, gains)
-            .and_then(|field| field.solve(Some(user_gain)));
+            .and_then(|field| self.method.solve(&field, Some(user_gain)));
         // A valid mission's channels make a slot problem.
         let Ok(solution) = solution else {
             debug_assert!(false, "{solution:?}");
@@ -311,8 +388,8 @@ impl<T: Scalar> Environment<T> {
         for (coefficient, &gain) in coefficients.iter_mut().zip(gains.iter()) {
             *coefficient = solution.coefficient(gain);
         }
-        self.rate = solution.rate;
-        self.mse = Slot {
+        self.now.rate = solution.rate;
+        self.now.mse = Slot {
             sensor_gains: gains,
             sensor_coefficients: coefficients,
             user_gain,
@@ -398,7 +475,7 @@ mod tests {
                     let state = ChannelState::predicted(&mission, plan.slot, &plan.waypoint);
                     let command = controller.allocate(&state).expect("planned");
                     assert_eq!(command.rate, step.rate);
-                    assert_eq!(command.mse, environment.mse);
+                    assert_eq!(command.mse, environment.now.mse);
                     sum_rate += command.rate;
                 }
                 let episode = environment.episode();
@@ -434,6 +511,90 @@ mod tests {
             assert_eq!(step.reward.total, 2.0 * step.rate + 0.5 * trajectory);
             assert_eq!(step.last, slot == 60);
         }
+    }
+
+    /// Prices move rewards between slots and add up to nothing over a fair mission.
+    #[test]
+    fn prices_leave_the_return_of_a_fair_mission_as_it_is() {
+        let mission = mission("mixed");
+        let prices: Vec<f64> = (0..15).map(|user| 0.1 * f64::from(user) - 0.3).collect();
+        let settings = settings(Constraints::Shielded);
+        let plain = Environment::new(mission, &settings);
+        let (mut plain, mut priced) = (plain.clone(), plain.with_prices(&prices));
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        let mut choice = Choice::default();
+        let mut moved = 0;
+        for _ in 0..60 {
+            Sac::choose_at_random(15, plain.admissible(), &mut rng, &mut choice);
+            let (a, b) = (plain.step(&choice).reward, priced.step(&choice).reward);
+            assert_eq!(a.rate, b.rate);
+            // The mean price is 0.4.
+            let expected = prices[choice.user] - 0.4;
+            assert!((b.total - a.total - expected).abs() < 1e-12);
+            moved += u32::from(expected.abs() > 0.1);
+        }
+        assert!(moved > 40, "{moved}");
+        let (plain, priced) = (plain.episode(), priced.episode());
+        assert!(plain.fair && (plain.reward - priced.reward).abs() < 1e-9);
+    }
+
+    /// What is foreseen for a user is what comes when it is served, and nothing is flown.
+    #[test]
+    fn what_is_foreseen_comes_true() {
+        let mut rng = Pcg64Mcg::seed_from_u64(3);
+        let settings = settings(Constraints::Shielded);
+        let mut environment = Environment::new(mission("separated"), &settings);
+        let (mut before, mut after) = (vec![0.0; 19], vec![0.0; 19]);
+        let mut foreseen = vec![0.0; 19];
+        let mut choice = Choice::default();
+        loop {
+            Sac::choose_at_random(15, environment.admissible(), &mut rng, &mut choice);
+            environment.observe(&mut before);
+            let outlook = environment.foresee(&choice, &mut foreseen);
+            environment.observe(&mut after);
+            assert_eq!(before, after);
+            assert_eq!(environment.advance(&choice, &mut after), outlook);
+            assert_eq!(after, foreseen);
+            if outlook.step.last {
+                break;
+            }
+        }
+    }
+
+    /// On the way home at full speed, and only there, the displacement is no choice.
+    #[test]
+    fn there_is_no_choice_once_the_way_home_takes_every_slot() {
+        let settings = Settings {
+            entropy_when_forced: false,
+            ..settings(Constraints::Shielded)
+        };
+        let mission = mission("separated");
+        let mut environment = Environment::new(mission.clone(), &settings);
+        let away = |sign: f32| Choice {
+            action: vec![sign, sign],
+            user: 0,
+        };
+        let mut forced = 0;
+        for slot in 0..60_usize {
+            let (has_choice, from) = (environment.has_choice(), environment.position());
+            let places = [1.0, -1.0].map(|sign| {
+                let mut branch = environment.clone();
+                branch.step(&away(sign));
+                branch.position()
+            });
+            if !has_choice {
+                // Whatever is asked for, it goes the same way.
+                assert!((places[0] - places[1]).norm() < 15.0, "slot {slot}");
+                forced += 1;
+            } else if (from - mission.parameters().start).norm() < 1.0 && slot < 10 {
+                assert!((places[0] - places[1]).norm() > 25.0, "slot {slot}");
+            }
+            environment.step(&Choice {
+                user: slot % 15,
+                ..away(-1.0)
+            });
+        }
+        assert!((20..50).contains(&forced), "{forced}");
     }
 
     /// In the penalty form nothing but area and speed is enforced, and it shows in the reward.

@@ -6,7 +6,7 @@ use firmware_core::{
     controller::{ChannelState, Controller},
     policy::Policy,
 };
-use host_sim::scenario::HostMission;
+use host_sim::{allocation::Allocation, scenario::HostMission};
 use serde::{Deserialize, Serialize};
 
 /// What a flight came to.
@@ -35,14 +35,28 @@ impl Flight {
     pub fn is_admissible(&self) -> bool {
         self.arrived && self.fair && self.mse_violations == 0
     }
+
+    /// Whether it keeps every constraint that `inner` lets a policy keep: sensors of fixed power
+    /// may miss `Gamma` wherever they are heard from.
+    pub fn is_admissible_under(&self, inner: Allocation) -> bool {
+        match inner {
+            Allocation::FixedSensorPower(_) => self.arrived && self.fair,
+            _ => self.is_admissible(),
+        }
+    }
 }
 
-/// Flies `policy` through the mission.
+/// Flies `policy` through the mission, powers chosen by `inner`.
 ///
 /// # Errors
 /// What the controller refuses; nothing, for a valid mission.
-pub fn fly(mission: &HostMission, policy: impl Policy<f64, USERS_MAX>) -> anyhow::Result<Flight> {
-    let mut controller = Controller::new(mission.clone(), policy);
+pub fn fly(
+    mission: &HostMission,
+    policy: impl Policy<f64, USERS_MAX>,
+    inner: Allocation,
+) -> anyhow::Result<Flight> {
+    let mut controller =
+        Controller::new(mission.clone(), policy).with_method(inner.method(mission));
     let mut flight = Flight {
         sum_rate: 0.0,
         arrived: false,

@@ -42,6 +42,7 @@ pub(crate) fn filled<L: Learner>() -> (L, Replay, Pcg64Mcg) {
             last: i % 9 == 0,
             admissible: 0b1111,
             next_admissible: if i % 2 == 0 { 0b0110 } else { 0b1101 },
+            choice: [i % 3 > 0, i % 4 > 0],
         });
     }
     (learner, replay, rng)

@@ -54,6 +54,8 @@ pub struct Draw {
     pub even_entropy: Vec<f32>,
     /// Entropy of the user choice, nats.
     pub user_entropy: Vec<f32>,
+    /// 1 where the displacement's entropy counts, else 0; all 1 until told otherwise.
+    pub choice: Vec<f32>,
 }
 
 impl Draw {
@@ -73,6 +75,7 @@ impl Draw {
             spread: room(2),
             even_entropy: room(1),
             user_entropy: room(1),
+            choice: vec![1.0; width],
         }
     }
 
@@ -143,7 +146,7 @@ impl Draw {
     /// `sum_m pi(m|s) (beta_u ln pi(m|s) - q_m) + beta_d ln pi(a|s)` of sample `s`: the exact
     /// expectation over users of eq:pi's integrand, and minus the soft value inside eq:Q.
     pub fn soft_cost(&self, q: &[f32], temperature: Temperatures, s: usize) -> f32 {
-        let mut cost = temperature.displacement * self.log_density[s];
+        let mut cost = temperature.displacement * self.choice[s] * self.log_density[s];
         for m in 0..self.users {
             let i = m * self.width + s;
             cost += self.probability[i] * (temperature.user * self.log_probability[i] - q[i]);
@@ -170,10 +173,9 @@ impl Draw {
                 let i = row * width + s;
                 let a = self.displacement[i];
                 // d/du: -ln(1 - tanh^2) gives 2 a; the value follows through a = tanh(u).
-                let du =
-                    temperature.displacement * 2.0 * a * share - (1.0 - a * a) * value_slope[i];
-                let d_log_sigma =
-                    du * self.sigma[i] * self.noise[i] - temperature.displacement * share;
+                let beta = temperature.displacement * self.choice[s];
+                let du = beta * 2.0 * a * share - (1.0 - a * a) * value_slope[i];
+                let d_log_sigma = du * self.sigma[i] * self.noise[i] - beta * share;
                 let spread = self.spread[i];
                 let slope = 0.5 * (LOG_SIGMA_MAX - LOG_SIGMA_MIN) * (1.0 - spread * spread);
                 gradient[i] = du;
@@ -308,6 +310,7 @@ mod tests {
         admissible[1] = 0b10110;
         admissible[2] = 0b00100;
         draw.evaluate(&output, &admissible);
+        draw.choice[1] = 0.0;
 
         let mut values = vec![0.0; USERS * width];
         let mut slope = vec![0.0; 2 * width];
@@ -327,7 +330,8 @@ mod tests {
             let noise = [draw.noise[s], draw.noise[width + s]].map(f64::from);
             let loss = |output: &[f64]| {
                 let (a, log_density, p) = reference::draw(output, noise, admissible[s]);
-                reference::cost(log_density, &p, &q(&weights, a), [0.3, 0.7])
+                let counted = f64::from(draw.choice[s]) * log_density;
+                reference::cost(counted, &p, &q(&weights, a), [0.3, 0.7])
             };
             let mut at: Vec<f64> = (0..output_len(USERS))
                 .map(|row| output[row * width + s].into())

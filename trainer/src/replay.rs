@@ -29,6 +29,8 @@ pub struct Transition<'a> {
     pub admissible: UserSet,
     /// Who can be served in `s_{n+1}`.
     pub next_admissible: UserSet,
+    /// Whether the displacement's entropy counts, in `s_n` and in `s_{n+1}`.
+    pub choice: [bool; 2],
 }
 
 /// A ring of transitions.
@@ -43,6 +45,7 @@ pub struct Replay {
     numbers: Vec<f32>,
     users: Vec<u8>,
     admissible: Vec<[UserSet; 2]>,
+    choice: Vec<[bool; 2]>,
 }
 
 impl Replay {
@@ -57,6 +60,7 @@ impl Replay {
             numbers: Vec::with_capacity(capacity * row),
             users: Vec::with_capacity(capacity),
             admissible: Vec::with_capacity(capacity),
+            choice: Vec::with_capacity(capacity),
         }
     }
 
@@ -91,6 +95,7 @@ impl Replay {
             self.numbers.extend(numbers);
             self.users.push(t.user);
             self.admissible.push(admissible);
+            self.choice.push(t.choice);
         } else {
             let start = self.next * self.row_len();
             for (slot, value) in self.numbers[start..].iter_mut().zip(numbers) {
@@ -98,6 +103,7 @@ impl Replay {
             }
             self.users[self.next] = t.user;
             self.admissible[self.next] = admissible;
+            self.choice[self.next] = t.choice;
         }
         self.next = (self.next + 1) % self.capacity;
     }
@@ -123,6 +129,9 @@ impl Replay {
             batch.user[sample] = self.users[index];
             batch.admissible[sample] = self.admissible[index][0];
             batch.next_admissible[sample] = self.admissible[index][1];
+            let [choice, next_choice] = self.choice[index].map(|is| f32::from(u8::from(is)));
+            batch.choice[sample] = choice;
+            batch.next_choice[sample] = next_choice;
         }
     }
 }
@@ -157,6 +166,10 @@ pub struct Batch {
     pub admissible: Vec<UserSet>,
     /// Who can be served next.
     pub next_admissible: Vec<UserSet>,
+    /// 1 where the displacement's entropy counts, else 0.
+    pub choice: Vec<f32>,
+    /// The same for the next state.
+    pub next_choice: Vec<f32>,
 }
 
 impl Batch {
@@ -174,6 +187,8 @@ impl Batch {
             follows: vec![0.0; width],
             admissible: vec![UserSet::MAX; width],
             next_admissible: vec![UserSet::MAX; width],
+            choice: vec![1.0; width],
+            next_choice: vec![1.0; width],
         }
     }
 }
@@ -194,6 +209,7 @@ mod tests {
             last: i % 4 == 3,
             admissible: u64::from(i),
             next_admissible: u64::from(i) + 1,
+            choice: [i % 2 == 0, i % 5 == 0],
         });
     }
 
@@ -218,6 +234,8 @@ mod tests {
             assert_eq!(batch.follows[s], if i % 4 == 3 { 0.0 } else { 1.0 });
             assert_eq!(batch.admissible[s], u64::from(i));
             assert_eq!(batch.next_admissible[s], u64::from(i) + 1);
+            assert_eq!(batch.choice[s] == 1.0, i % 2 == 0);
+            assert_eq!(batch.next_choice[s] == 1.0, i % 5 == 0);
         }
     }
 }

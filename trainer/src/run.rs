@@ -22,9 +22,37 @@ pub const POLICY: &str = "policy.onnx";
 /// A run's scenario in its directory.
 pub const SCENARIO: &str = "scenario.toml";
 
+/// Its learning curve.
+pub const METRICS: &str = "metrics.csv";
+/// What was set.
+pub const SETTINGS: &str = "settings.toml";
+/// The batch on which it broke off, if it did.
+pub const DIVERGED: &str = "diverged.json";
+/// How the names of its event files begin.
+const EVENTS: &str = "events.out.tfevents.";
+/// What is a run's and no other's.
+const LEFT: [&str; 6] = [CHECKPOINT, POLICY, METRICS, SETTINGS, SCENARIO, DIVERGED];
+
 /// Whether a directory holds a run already.
 pub fn has_run(directory: &Path) -> bool {
     directory.join(CHECKPOINT).exists()
+}
+
+/// Takes away what an earlier run left, so that nothing of it is taken for the new one's.
+///
+/// # Errors
+/// Of the file system.
+pub fn clear(directory: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(directory)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let left = LEFT.contains(&&*name) || name.starts_with(EVENTS);
+        if left {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 /// What a directory says about its run.

@@ -14,7 +14,8 @@
 //! theta'   = tau theta + (1 - tau) theta'                                          (eq:theta1)
 //! ```
 //!
-//! `H_d` is the displacement's target entropy and `H_u(s)` a fraction of that of an even choice
+//! The `ln pi(a|s)` count only where the settings count them (`entropy_when_forced`). `H_d` is
+//! the displacement's target entropy and `H_u(s)` a fraction of that of an even choice
 //! among the users that `s` admits. Temperatures are learned through their logarithm. Users that
 //! the fairness rule excludes have probability 0 in every one of these lines.
 
@@ -249,6 +250,7 @@ impl Sac {
         fill_normal(rng, &mut self.draw.noise);
         self.draw
             .evaluate(self.policy.output(), &self.batch.next_admissible);
+        self.draw.choice.copy_from_slice(&self.batch.next_choice);
         for (target, trace) in self.state.targets.iter().zip(&mut self.critics) {
             Self::load(trace, &self.batch.next_observation, &self.draw.displacement);
             target.forward(self.arch, trace);
@@ -299,6 +301,7 @@ impl Sac {
         fill_normal(rng, &mut self.draw.noise);
         self.draw
             .evaluate(self.policy.output(), &self.batch.admissible);
+        self.draw.choice.copy_from_slice(&self.batch.choice);
         for (critic, trace) in self.state.critics.iter().zip(&mut self.critics) {
             Self::load(trace, &self.batch.observation, &self.draw.displacement);
             critic.network.forward(self.arch, trace);
@@ -351,7 +354,8 @@ impl Sac {
         let share = 1.0 / self.batch.len as f32;
         let (mut displacement, mut user) = (0.0, 0.0);
         for s in 0..self.batch.len {
-            displacement -= self.draw.log_density[s] + self.settings.displacement_entropy;
+            let surplus = -(self.draw.log_density[s] + self.settings.displacement_entropy);
+            displacement += self.draw.choice[s] * surplus;
             user += self.draw.user_entropy[s]
                 - self.settings.user_entropy_fraction * self.draw.even_entropy[s];
         }

@@ -1,10 +1,12 @@
 //! Everything that can be set about a training run, in one struct.
 //!
 //! *Table I* marks what the paper gives; *ours* marks what it leaves open. The preset
-//! [`Preset::Paper`] is Table I with our choices for the rest; [`Preset::Tuned`] keeps state and
-//! action and changes what helped (`docs/training.md` says by how much each change did).
+//! [`Preset::Paper`] is Table I with our choices for the rest; [`Preset::Tuned`] changes numbers,
+//! [`Preset::Extended`] the algorithm (`docs/training.md` says by how much each change helped).
 
 use clap::ValueEnum;
+use firmware_core::policy::mlp::WIDTH_MAX;
+use host_sim::allocation::Allocation;
 use serde::{Deserialize, Serialize};
 
 /// Which algorithm learns.
@@ -33,8 +35,14 @@ impl Algorithm {
 pub enum Preset {
     /// Table I.
     Paper,
-    /// The best we found with the same state and action.
+    /// The same algorithm with the best discount and learning rates that we found.
     Tuned,
+    /// SAC beyond Alg. 2, with the same state, action and network: another discount and other
+    /// learning rates, what the displacement's entropy counts for, what is remembered and how
+    /// fairness is paid ([`Settings::fairness_prices`],
+    /// [`Settings::alternative_users`], [`Settings::entropy_when_forced`]). For DDPG, which has
+    /// neither entropies nor values per user, as [`Preset::Tuned`].
+    Extended,
 }
 
 /// How the environment treats an action that the constraints forbid.
@@ -47,6 +55,9 @@ pub enum Constraints {
     /// (`r^c = 0`), a missed destination costs (`r^d`).
     Penalty,
 }
+
+/// Transitions that a memory may be made for: some 20 GB.
+const BUFFER_MAX: usize = 100_000_000;
 
 /// The documented defaults are [`Preset::Paper`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,11 +85,20 @@ pub struct Settings {
 
     /// `lambda_1`, weight of the rate. Ours: 1, so that a return reads in bit/s/Hz.
     pub rate_weight: f32,
+    /// Whether serving a user also earns its price of fairness (eq:a3), less what the prices come
+    /// to on average: over a mission in which every user has its quota they add up to nothing, so
+    /// returns and best missions stay the same, but what a user is worth now rather than later is
+    /// paid at once (`docs/training.md`). Ours.
+    pub fairness_prices: bool,
     /// `lambda_2`, weight of the trajectory reward, per metre and slot. Ours. Under the shield
     /// arrival is certain and the term only biases where to be meanwhile, so it is small.
     pub trajectory_weight: f32,
     /// `R_f`, the arrival reward before `lambda_2`. Ours.
     pub arrival_reward: f32,
+    /// How the powers of a slot are chosen: optimally, or by one of the paper's comparison
+    /// schemes. In such a slot as sensors of fixed power cannot make accurate enough, nothing is
+    /// earned.
+    pub inner: Allocation,
     /// Shield or penalty. Ours: the shield that flies is the shield that trains.
     pub constraints: Constraints,
 
@@ -91,12 +111,19 @@ pub struct Settings {
     /// Target entropy of the displacement, nats, with a step scaled to `[-1, 1]^2`.
     /// Ours: minus its dimension, as is usual. (The paper prints `-prod(varpi)`.)
     pub displacement_entropy: f32,
+    /// Whether the displacement's entropy counts, and is paid for, also where the shield leaves no
+    /// choice: on the way home at full speed. Alg. 2: it does.
+    pub entropy_when_forced: bool,
     /// Target entropy of the user choice as a fraction of that of an even choice among the users
     /// admissible in the state. Ours.
     pub user_entropy_fraction: f32,
     /// Slots of uniformly random action before learning. Ours; Alg. 2 says "if D is filled",
     /// which would take 16,667 episodes if it meant the whole capacity.
     pub warmup_slots: u64,
+    /// For every slot flown, transitions with so many other admissible users, drawn evenly, are
+    /// remembered beside it: what they would have earned and led to is known exactly, as the
+    /// way-point does not depend on the user. Alg. 2: none.
+    pub alternative_users: u32,
     /// Gradient steps per slot. Alg. 2: one.
     pub gradient_steps_per_slot: u32,
     /// Environments that are stepped together, each followed by its gradient steps. Alg. 2: one.
@@ -126,15 +153,19 @@ impl Settings {
             buffer_capacity: 1_000_000,
             hidden: 128,
             rate_weight: 1.0,
+            fairness_prices: false,
             trajectory_weight: 1e-6,
             arrival_reward: 1e6,
+            inner: Allocation::Exact,
             constraints: Constraints::Shielded,
             target_rate: 0.005,
             temperature_learning_rate: 1e-4,
             initial_temperature: 0.1,
             displacement_entropy: -2.0,
+            entropy_when_forced: true,
             user_entropy_fraction: 0.2,
             warmup_slots: 1_200,
+            alternative_users: 0,
             gradient_steps_per_slot: 1,
             environments: 1,
             exploration_noise: 0.1,
@@ -142,14 +173,25 @@ impl Settings {
             checkpoint_every: 500,
             loss_limit: 1e6,
         };
-        match preset {
-            Preset::Paper => paper,
-            Preset::Tuned => Self {
-                discount: 0.95,
-                policy_learning_rate: 3e-4,
-                critic_learning_rate: 3e-4,
-                temperature_learning_rate: 3e-4,
-                ..paper
+        let tuned = Self {
+            discount: 0.95,
+            policy_learning_rate: 3e-4,
+            critic_learning_rate: 3e-4,
+            temperature_learning_rate: 3e-4,
+            ..paper.clone()
+        };
+        match (preset, algorithm) {
+            (Preset::Paper, _) => paper,
+            (Preset::Tuned, _) | (Preset::Extended, Algorithm::Ddpg) => tuned,
+            (Preset::Extended, Algorithm::Sac) => Self {
+                fairness_prices: true,
+                alternative_users: 1,
+                entropy_when_forced: false,
+                discount: 0.99,
+                policy_learning_rate: 1e-3,
+                critic_learning_rate: 1e-3,
+                temperature_learning_rate: 1e-3,
+                ..tuned
             },
         }
     }
@@ -170,6 +212,22 @@ impl Settings {
         let count = |field, value: u64| {
             SettingsError::unless(value > 0, field, value, "a whole number above 0")
         };
+        let finite = |field, value: f32| {
+            SettingsError::unless(value.is_finite(), field, value, "a finite number")
+        };
+        let weight = |field, value: f32| {
+            let right = value.is_finite() && value >= 0.0;
+            SettingsError::unless(right, field, value, "a finite number, 0 or above")
+        };
+        weight("rate_weight", self.rate_weight)?;
+        weight("trajectory_weight", self.trajectory_weight)?;
+        weight("arrival_reward", self.arrival_reward)?;
+        weight("exploration_noise", self.exploration_noise)?;
+        finite("displacement_entropy", self.displacement_entropy)?;
+        count(
+            "gradient_steps_per_slot",
+            self.gradient_steps_per_slot.into(),
+        )?;
         count("episodes", self.episodes.into())?;
         positive("policy_learning_rate", self.policy_learning_rate)?;
         positive("critic_learning_rate", self.critic_learning_rate)?;
@@ -180,15 +238,20 @@ impl Settings {
         fraction("target_rate", self.target_rate)?;
         fraction("user_entropy_fraction", self.user_entropy_fraction)?;
         count("batch", self.batch as u64)?;
-        count("hidden", self.hidden as u64)?;
+        SettingsError::unless(
+            (1..=WIDTH_MAX).contains(&self.hidden),
+            "hidden",
+            self.hidden,
+            "from 1 to the widest layer that flies, 256",
+        )?;
         count("environments", self.environments as u64)?;
         count("evaluate_every", self.evaluate_every.into())?;
         count("checkpoint_every", self.checkpoint_every.into())?;
         SettingsError::unless(
-            self.buffer_capacity >= self.batch,
+            (self.batch..=BUFFER_MAX).contains(&self.buffer_capacity),
             "buffer_capacity",
             self.buffer_capacity,
-            "at least the batch",
+            "at least the batch, and at most 100 million",
         )
     }
 }
@@ -248,5 +311,24 @@ mod tests {
         s.discount = 1.5;
         let message = s.check().unwrap_err().to_string();
         assert_eq!(message, "discount is 1.5, but must be a number from 0 to 1");
+        type Spoil = fn(&mut Settings);
+        let spoilt: [(&str, Spoil); 6] = [
+            ("buffer_capacity is", |s| s.buffer_capacity = usize::MAX),
+            ("hidden is 257", |s| s.hidden = 257),
+            ("displacement_entropy is NaN", |s| {
+                s.displacement_entropy = f32::NAN
+            }),
+            ("gradient_steps_per_slot is 0", |s| {
+                s.gradient_steps_per_slot = 0
+            }),
+            ("rate_weight is inf", |s| s.rate_weight = f32::INFINITY),
+            ("exploration_noise is -1", |s| s.exploration_noise = -1.0),
+        ];
+        for (words, spoil) in spoilt {
+            let mut s = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
+            spoil(&mut s);
+            let message = s.check().unwrap_err().to_string();
+            assert!(message.starts_with(words), "{message}");
+        }
     }
 }

@@ -6,22 +6,22 @@ use std::{path::PathBuf, time::Instant};
 
 use anyhow::{Context, bail, ensure};
 use firmware_core::policy::{Provenance, mlp::Mlp};
-use host_sim::scenario::Scenario;
+use host_sim::{bound, scenario::Scenario};
 use indicatif::{ProgressBar, ProgressStyle};
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
     actor::Actor,
     checkpoint::{self, Checkpoint, Evaluated, Progress, write_atomically},
-    env::{Environment, Normalizer},
+    env::{Environment, Normalizer, Outlook},
     evaluate::{Flight, fly},
     learner::{Choice, Dimensions, Learner, States},
     metrics::{self, LossMeans, Row},
     nn::padded,
     onnx,
-    replay::{Replay, Transition, scatter},
-    run::{CHECKPOINT, POLICY, SCENARIO},
+    replay::{Replay, Transition, UserSet, scatter},
+    run::{self, CHECKPOINT, DIVERGED, METRICS, POLICY, SCENARIO, SETTINGS},
     settings::Settings,
     tensorboard::EventWriter,
 };
@@ -55,6 +55,12 @@ impl<L: Learner> Training<L> {
         directory: PathBuf,
     ) -> anyhow::Result<Self> {
         settings.check()?;
+        ensure!(
+            settings.algorithm == L::ALGORITHM,
+            "algorithm is {}, but {} was asked for",
+            settings.algorithm.name(),
+            L::ALGORITHM.name()
+        );
         let mut rng = Pcg64Mcg::seed_from_u64(settings.seed);
         let environment = Environment::new(scenario.mission.clone(), &settings);
         let dimensions = environment.dimensions();
@@ -63,7 +69,13 @@ impl<L: Learner> Training<L> {
         let capacity = settings.buffer_capacity;
         let replay = Replay::new(capacity, dimensions.observation, action_len);
         let latest = actor_of(&learner, &scenario, &settings, 0);
+        let prices = match settings.fairness_prices {
+            true => bound::fairness_prices(&scenario.mission)
+                .context("fairness_prices = true needs the bound's prices")?,
+            false => Vec::new(),
+        };
         let progress = Progress {
+            prices,
             scenario: scenario.name.clone(),
             scenario_digest: scenario.digest(),
             episode: 0,
@@ -75,12 +87,13 @@ impl<L: Learner> Training<L> {
             settings,
         };
         std::fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
-        let settings = toml::to_string(&progress.settings)?;
-        write_atomically(&directory.join("settings.toml"), settings.as_bytes())?;
+        run::clear(&directory).with_context(|| directory.display().to_string())?;
         write_atomically(&directory.join(SCENARIO), scenario.to_toml().as_bytes())?;
-        Ok(Self::assemble(
-            progress, learner, replay, scenario, directory,
-        ))
+        let training = Self::assemble(progress, learner, replay, scenario, directory);
+        training.save_settings()?;
+        // From here on the directory holds a run, and can be gone on with.
+        training.save()?;
+        Ok(training)
     }
 
     /// Goes on from the directory's checkpoint, up to `episodes` if given.
@@ -108,13 +121,9 @@ impl<L: Learner> Training<L> {
         let dimensions =
             Environment::new(scenario.mission.clone(), &progress.settings).dimensions();
         let learner = L::resume(&progress.settings, dimensions, saved.learner);
-        Ok(Self::assemble(
-            progress,
-            learner,
-            saved.replay,
-            scenario,
-            directory,
-        ))
+        let training = Self::assemble(progress, learner, saved.replay, scenario, directory);
+        training.save_settings()?;
+        Ok(training)
     }
 
     fn assemble(
@@ -126,7 +135,10 @@ impl<L: Learner> Training<L> {
     ) -> Self {
         let settings = &progress.settings;
         let n = settings.environments;
-        let environment = Environment::new(scenario.mission.clone(), settings);
+        let mut environment = Environment::new(scenario.mission.clone(), settings);
+        if settings.fairness_prices {
+            environment = environment.with_prices(&progress.prices);
+        }
         let Dimensions { observation, .. } = environment.dimensions();
         let rows = || vec![vec![0.0; observation]; n];
         Self {
@@ -228,19 +240,34 @@ impl<L: Learner> Training<L> {
                 self.learner.explore(states, rng, &mut self.choices);
             }
             for (s, environment) in self.environments.iter_mut().enumerate() {
+                let (admissible, has_choice) = (states.admissible[s], environment.has_choice());
+                let replay = &mut self.replay;
+                let mut remember = |choice: &Choice, next: &[f32], outlook: Outlook| {
+                    replay.push(Transition {
+                        observation: &now[s],
+                        action: &choice.action,
+                        user: choice.user as u8,
+                        reward: outlook.step.reward.total as f32,
+                        next_observation: next,
+                        last: outlook.step.last,
+                        admissible,
+                        next_admissible: outlook.admissible,
+                        choice: [has_choice, outlook.has_choice],
+                    });
+                };
                 let choice = &self.choices[s];
-                let step = environment.step(choice);
-                environment.observe(&mut next[s]);
-                self.replay.push(Transition {
-                    observation: &now[s],
-                    action: &choice.action,
-                    user: choice.user as u8,
-                    reward: step.reward.total as f32,
-                    next_observation: &next[s],
-                    last: step.last,
-                    admissible: states.admissible[s],
-                    next_admissible: environment.admissible(),
-                });
+                let mut others = admissible & !(1 << choice.user);
+                for _ in 0..settings.alternative_users {
+                    let Some(user) = take_one(&mut others, rng) else {
+                        break;
+                    };
+                    let action = choice.action.clone();
+                    let other = Choice { action, user };
+                    let outlook = environment.foresee(&other, &mut next[s]);
+                    remember(&other, &next[s], outlook);
+                }
+                let outlook = environment.advance(choice, &mut next[s]);
+                remember(choice, &next[s], outlook);
                 self.progress.global_step += 1;
             }
             std::mem::swap(now, next);
@@ -262,7 +289,7 @@ impl<L: Learner> Training<L> {
     }
 
     fn diverged<T>(&self, name: &str, value: f32) -> anyhow::Result<T> {
-        let path = self.directory.join("diverged.json");
+        let path = self.directory.join(DIVERGED);
         let batch = serde_json::to_vec_pretty(self.learner.batch())?;
         write_atomically(&path, &batch)?;
         bail!(
@@ -279,10 +306,11 @@ impl<L: Learner> Training<L> {
         let (episode, settings) = (progress.episode, &progress.settings);
         let actor = actor_of(&self.learner, &self.scenario, settings, episode);
         let policy = Mlp::load(actor.to_policy_file()?)?;
-        let flight = fly(&self.scenario.mission, policy)?;
+        let inner = settings.inner;
+        let flight = fly(&self.scenario.mission, policy, inner)?;
         let best = progress.best.as_ref();
         let better = best.is_none_or(|best| flight.sum_rate > best.flight.sum_rate);
-        if better && flight.is_admissible() {
+        if better && flight.is_admissible_under(inner) {
             progress.best = Some(Evaluated {
                 episode,
                 actor: actor.clone(),
@@ -295,8 +323,14 @@ impl<L: Learner> Training<L> {
         Ok(flight)
     }
 
+    fn save_settings(&self) -> anyhow::Result<()> {
+        let settings = toml::to_string(&self.progress.settings)?;
+        let path = self.directory.join(SETTINGS);
+        write_atomically(&path, settings.as_bytes()).with_context(|| path.display().to_string())
+    }
+
     fn save(&self) -> anyhow::Result<()> {
-        metrics::write_csv(&self.directory.join("metrics.csv"), &self.progress.rows)?;
+        metrics::write_csv(&self.directory.join(METRICS), &self.progress.rows)?;
         let path = self.directory.join(CHECKPOINT);
         checkpoint::write(&path, &self.progress, self.learner.state(), &self.replay)
     }
@@ -317,6 +351,21 @@ impl<L: Learner> Training<L> {
             100.0 * mean("charts/arrived"),
         )
     }
+}
+
+/// Takes one of a set out of it, each as likely as any other.
+fn take_one(set: &mut UserSet, rng: &mut Pcg64Mcg) -> Option<usize> {
+    let count = set.count_ones();
+    if count == 0 {
+        return None;
+    }
+    let mut rest = *set;
+    for _ in 0..rng.random_range(0..count) {
+        rest &= rest - 1;
+    }
+    let user = rest.trailing_zeros() as usize;
+    *set &= !(1 << user);
+    Some(user)
 }
 
 /// A learner's deterministic policy with all that its files carry.

@@ -107,17 +107,89 @@ fn a_damaged_checkpoint_or_another_scenario_is_refused() {
         assert_eq!(errors.lines().count(), 1, "{errors}");
     };
     refused(&["--episodes", "4"], "--resume goes on");
-    refused(&["--resume", "--scenario", "mixed"], "digest");
-    refused(
-        &["--resume", "--algorithm", "ddpg"],
-        "algorithm is sac, but ddpg",
-    );
+    for (option, value) in [("--scenario", "mixed"), ("--algorithm", "ddpg")] {
+        let mut command = train(&directory, &["--resume", option, value]);
+        let output = command.output().expect("runs");
+        assert_eq!(output.status.code(), Some(2));
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(errors.contains("cannot be used with"), "{errors}");
+    }
     let path = directory.join("checkpoint.bin");
     let mut bytes = fs::read(&path).expect("readable");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     fs::write(&path, bytes).expect("writable");
     refused(&["--resume"], "it is damaged");
+}
+
+/// A run goes on with its own scenario, algorithm and settings; `--episodes` alone may differ, and
+/// is written down.
+#[test]
+fn a_resumed_run_knows_what_it_is() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    let arguments = ["--scenario", "mixed", "--mse-threshold", "0.02"];
+    let ddpg = ["--algorithm", "ddpg", "--episodes", "4"];
+    succeed(train(&directory, &[arguments, ddpg].concat()));
+    succeed(train(&directory, &["--resume", "--episodes", "8"]));
+    let settings = fs::read_to_string(directory.join("settings.toml")).expect("written");
+    assert!(settings.contains("algorithm = \"ddpg\"") && settings.contains("episodes = 8"));
+}
+
+/// Of a run that is replaced nothing is left that could be taken for the new one's.
+#[test]
+fn starting_anew_takes_the_old_run_away() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    succeed(train(&directory, &["--episodes", "8"]));
+    let mut anew = train(&directory, &["--overwrite", "--seed", "2"]);
+    let mut child = anew.spawn().expect("starts");
+    let settings = directory.join("settings.toml");
+    let checkpoint = directory.join("checkpoint.bin");
+    let begun = || {
+        fs::read_to_string(&settings).is_ok_and(|text| text.contains("seed = 2"))
+            && checkpoint.exists()
+    };
+    let end = std::time::Instant::now() + std::time::Duration::from_secs(60);
+    while !begun() {
+        assert!(std::time::Instant::now() < end, "it does not begin");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    succeed(train(&directory, &["--resume", "--episodes", "12"]));
+    let whole = home.path().join("whole");
+    succeed(train(&whole, &["--episodes", "12", "--seed", "2"]));
+    assert!(results(&directory) == results(&whole));
+}
+
+/// What a settings file names, algorithm and seed included, is what learns; the command line has
+/// the last word.
+#[test]
+fn a_settings_file_names_algorithm_and_seed() {
+    let home = tempfile::tempdir().expect("temporary");
+    let file = home.path().join("given.toml");
+    let run = |name: &str, named: &str, arguments: &[&str]| {
+        fs::write(&file, format!("{SETTINGS}{named}")).expect("writable");
+        let directory = home.path().join(name);
+        let mut command = Command::new(cargo_bin("trainer"));
+        command.args(["train", "--quiet", "--episodes", "4", "--settings"]);
+        command.arg(&file).arg("--out").arg(&directory);
+        succeed({
+            command.args(arguments);
+            command
+        });
+        results(&directory)
+    };
+    let named = run("named", "algorithm = \"ddpg\"\nseed = 7\n", &[]);
+    let told = run("told", "", &["--algorithm", "ddpg", "--seed", "7"]);
+    assert!(named == told);
+    let both = run(
+        "both",
+        "seed = 9\n",
+        &["--seed", "7", "--algorithm", "ddpg"],
+    );
+    assert!(both == told);
 }
 
 /// A run at another threshold than its scenario's says so itself.
@@ -135,7 +207,7 @@ fn a_run_keeps_the_scenario_that_it_was_made_on() {
     };
     succeed(curves());
     let text = fs::read_to_string(home.path().join("curves.csv")).expect("written");
-    assert!(text.contains("separated,sac,0.0001,1,4,"), "{text}");
+    assert!(text.contains(",sac,0.0001,0.9,1,4,"), "{text}");
 
     // Without it, the shipped scenario of that name is another.
     fs::remove_file(directory.join("scenario.toml")).expect("was there");

@@ -5,7 +5,7 @@ use firmware_core::policy::{
     mlp::Mlp,
     onnx::{OnnxError, OnnxPolicy},
 };
-use host_sim::scenario::Scenario;
+use host_sim::{allocation::Allocation, scenario::Scenario};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use trainer::{
@@ -65,8 +65,8 @@ fn runtimes_fly_alike() {
         let tract = OnnxPolicy::load(&onnx::write(&actor)).expect("sound");
         let mlp = Mlp::load(actor.to_policy_file().expect("fits")).expect("sound");
         let (tract, mlp) = (
-            fly(&mission, tract).expect("flies"),
-            fly(&mission, mlp).expect("flies"),
+            fly(&mission, tract, Allocation::Exact).expect("flies"),
+            fly(&mission, mlp, Allocation::Exact).expect("flies"),
         );
         assert_eq!(tract.served_users, mlp.served_users);
         assert!((tract.sum_rate - mlp.sum_rate).abs() < 1e-3);

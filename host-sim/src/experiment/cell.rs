@@ -61,7 +61,7 @@ pub const HIGH_NOISE_DBM: f64 = -85.0;
 pub const MSE_THRESHOLD: f64 = 0.015;
 /// The thresholds that the figures go through.
 pub const MSE_THRESHOLDS: [f64; 4] = [0.010, 0.015, 0.020, 0.025];
-/// The mission times that the figures go through, seconds, in the separated topology.
+/// The mission times that the figures go through, seconds.
 pub const MISSION_TIMES_S: [u32; 5] = [50, 60, 70, 80, 90];
 
 impl Cell {
@@ -115,8 +115,10 @@ impl Cell {
                 cells.extend(MSE_THRESHOLDS.map(|threshold| cell.at_threshold(threshold)));
             }
         }
-        let times = MISSION_TIMES_S.into_iter().filter(|&slots| slots != SLOTS);
-        cells.extend(times.map(|slots| Self::table_one(Topology::Separated).lasting(slots)));
+        for topology in Topology::ALL {
+            let times = MISSION_TIMES_S.into_iter().filter(|&slots| slots != SLOTS);
+            cells.extend(times.map(|slots| Self::table_one(topology).lasting(slots)));
+        }
         cells
     }
 }
@@ -138,10 +140,12 @@ impl fmt::Display for Cell {
 /// What learns, with which of the trainer's presets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Learner {
-    /// SAC with the settings that were found best.
+    /// SAC with the discount and learning rates that were found best.
     Sac,
     /// SAC with Table I's settings.
     SacTableOne,
+    /// SAC beyond the paper's Alg. 2.
+    SacExtended,
     /// DDPG with Table I's settings.
     Ddpg,
 }
@@ -152,6 +156,7 @@ impl Learner {
         match self {
             Self::Sac => ["sac", "tuned"],
             Self::SacTableOne => ["sac", "paper"],
+            Self::SacExtended => ["sac", "extended"],
             Self::Ddpg => ["ddpg", "paper"],
         }
     }

@@ -73,7 +73,7 @@ impl Claim {
 }
 
 /// Counts the cases in which a claim holds.
-#[derive(Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Tally {
     pub(super) holding: usize,
     pub(super) cases: usize,
@@ -85,8 +85,26 @@ impl Tally {
         self.holding += usize::from(holds);
     }
 
+    /// Whether a value is above another; no case where one of them was not measured (NaN).
+    pub(super) fn add_above(&mut self, value: f64, reference: f64) {
+        if let Some(order) = value.partial_cmp(&reference) {
+            self.add(order.is_gt());
+        }
+    }
+
     pub(super) fn verdict(&self) -> Verdict {
         Verdict::of(self.holding, self.cases)
+    }
+}
+
+impl std::ops::Add for Tally {
+    type Output = Self;
+
+    fn add(self, more: Self) -> Self {
+        Self {
+            holding: self.holding + more.holding,
+            cases: self.cases + more.cases,
+        }
     }
 }
 
@@ -113,5 +131,10 @@ mod tests {
         assert_eq!(Verdict::of(2, 2), Verdict::Agrees);
         assert_eq!(Verdict::of(1, 2), Verdict::InPart);
         assert_eq!(Verdict::of(0, 2), Verdict::Differs);
+        let mut tally = Tally::default();
+        tally.add_above(f64::NAN, 1.0);
+        assert_eq!(tally.verdict(), Verdict::Open);
+        tally.add_above(2.0, 1.0);
+        assert_eq!((tally + tally).cases, 2);
     }
 }

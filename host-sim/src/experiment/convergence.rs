@@ -15,15 +15,18 @@ use super::{
 const LEARNING_RATES: [&str; 4] = ["3e-5", "1e-4", "3e-4", "1e-3"];
 /// Table I's.
 const TABLE_ONE: &str = "1e-4";
+/// Table I's discount.
+const DISCOUNT: f64 = 0.90;
 /// Seeds 1 to this.
 const SEEDS: u64 = 3;
 
 /// A row of the trainer's `learning_curves.csv`.
 #[derive(Clone, Debug, Deserialize)]
 pub(super) struct LearningRow {
-    pub(super) scenario: String,
+    pub(super) scenario_digest: String,
     pub(super) algorithm: String,
     pub(super) learning_rate: f64,
+    pub(super) discount: f64,
     pub(super) seed: u64,
     pub(super) episode: u32,
     pub(super) episodic_return: f64,
@@ -54,17 +57,22 @@ pub(super) fn trainings() -> Vec<Training> {
 
 /// Whether rows of a training are among them.
 pub(super) fn is_among(training: &Training, rows: &[LearningRow]) -> bool {
+    let Ok(scenario) = training.cell.scenario() else {
+        return false;
+    };
+    let digest = scenario.digest();
     let rate = rate_of(training.learning_rate.unwrap_or(TABLE_ONE));
     rows.iter()
-        .any(|row| row.is_of(rate) && row.seed == training.seed)
+        .any(|row| row.is_of(rate, &digest) && row.seed == training.seed)
 }
 
 impl LearningRow {
-    fn is_of(&self, rate: f64) -> bool {
-        // The trainer's rates are in single precision.
+    fn is_of(&self, rate: f64, digest: &str) -> bool {
+        // The trainer's numbers are in single precision.
         (self.learning_rate / rate - 1.0).abs() < 1e-6
+            && (self.discount / DISCOUNT - 1.0).abs() < 1e-6
             && self.algorithm == "sac"
-            && self.scenario == Topology::Separated.name()
+            && self.scenario_digest == digest
     }
 }
 
@@ -75,9 +83,11 @@ fn rate_of(text: &str) -> f64 {
 /// Means over the seeds.
 pub(super) fn measure(laboratory: &mut Laboratory<'_>) -> Result<Vec<CurveRow>, String> {
     let rows = laboratory.learning_curves(&trainings())?;
+    let digest = Cell::table_one(Topology::Separated).scenario()?.digest();
     let mut curves = Vec::new();
     for rate in LEARNING_RATES.map(rate_of) {
-        let of_rate: Vec<&LearningRow> = rows.iter().filter(|row| row.is_of(rate)).collect();
+        let of_rate: Vec<&LearningRow> =
+            rows.iter().filter(|row| row.is_of(rate, &digest)).collect();
         let mut episodes: Vec<u32> = of_rate.iter().map(|row| row.episode).collect();
         episodes.sort_unstable();
         episodes.dedup();
@@ -191,8 +201,10 @@ fn courses(rows: &[CurveRow]) -> Vec<Course> {
                 end: statistics::mean(&mean_from(curve, 0.9)),
                 settled: settled.map(|row| row.episode),
                 unrest: statistics::deviation(&mean_from(curve, 0.5)).unwrap_or(f64::NAN),
-                complete: curve.last().map(|row| (row.episode, row.runs))
-                    == curve.first().map(|row| (last, row.runs)),
+                complete: match (curve.first(), curve.last()) {
+                    (Some(first), Some(end)) => (end.episode, end.runs) == (last, first.runs),
+                    _ => false,
+                },
             }
         })
         .collect()
@@ -242,11 +254,11 @@ pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
             "A learning rate that is too small converges slowly.",
             Verdict::of(usize::from(slow), 1),
             format!(
-                "Mean return of the last tenth: {}.",
-                describe(&|course| match course.complete {
-                    true => format!("{:.2}", course.end),
-                    false => "broken off".into(),
-                })
+                "{} settles {}, {} {}.",
+                LEARNING_RATES[0],
+                slowest.map_or("never".into(), settled),
+                TABLE_ONE,
+                table_one.map_or("never".into(), settled),
             ),
             "",
         ),
@@ -254,9 +266,10 @@ pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
             "A learning rate that is too large fluctuates and may miss the optimum or diverge.",
             Verdict::of(usize::from(rough) + usize::from(worse), 2),
             format!(
-                "Standard deviation of the curve over its second half, of {runs} seed(s) each: {}.",
+                "Standard deviation of the curve over its second half, and mean return of its last \
+                 tenth, of {runs} seed(s) each: {}.",
                 describe(&|course| match course.complete {
-                    true => format!("{:.2}", course.unrest),
+                    true => format!("{:.2}, {:.2}", course.unrest, course.end),
                     false => "broken off: a loss beyond its limit".into(),
                 })
             ),

@@ -226,27 +226,25 @@ impl<'a> Laboratory<'a> {
         })
     }
 
+    /// What `--scenario` names: a shipped scenario, or a file that is written now.
+    fn scenario_of(&self, training: &Training) -> Result<String, String> {
+        let Some(stem) = training.scenario_stem() else {
+            return Ok(training.cell.topology.name().to_owned());
+        };
+        // The threshold is left to the argument, so cells share the file.
+        let cell = training.cell.at_threshold(MSE_THRESHOLD);
+        let path = self.settings.out.join(format!("{stem}.toml"));
+        table::write_text(&path, &cell.scenario()?.to_toml())?;
+        Ok(path.display().to_string())
+    }
+
     fn train_one(&self, trainer: &Path, training: &Training) -> Result<(), String> {
         let run = self.run_directory(training);
-        let scenario = match training.scenario_stem() {
-            None => training.cell.topology.name().to_owned(),
-            Some(stem) => {
-                // The threshold is left to the argument, so cells share the file.
-                let cell = training.cell.at_threshold(MSE_THRESHOLD);
-                let path = self.settings.out.join(format!("{stem}.toml"));
-                table::write_text(&path, &cell.scenario()?.to_toml())?;
-                path.display().to_string()
-            }
+        let arguments = match run.join("checkpoint.bin").exists() {
+            // Scenario and settings stand in the run.
+            true => vec!["train".into(), "--resume".into()],
+            false => training.arguments(&self.scenario_of(training)?),
         };
-        let mut arguments = training.arguments(&scenario);
-        if run.join("checkpoint.bin").exists() {
-            // What a run started with stands in its checkpoint.
-            let settled = ["--preset", "--learning-rate"];
-            while let Some(at) = arguments.iter().position(|a| settled.contains(&a.as_str())) {
-                arguments.drain(at..at + 2);
-            }
-            arguments.push("--resume".into());
-        }
         let output = Command::new(trainer)
             .args(&arguments)
             .arg("--out")

@@ -12,11 +12,15 @@ pub(crate) fn named(path: &Path, problem: impl Display) -> String {
 /// All rows of a file.
 ///
 /// # Errors
-/// A file that cannot be read or has other columns, in one line.
+/// A file that cannot be read, has other columns or no rows, in one line.
 pub fn read<Row: DeserializeOwned>(path: &Path) -> Result<Vec<Row>, String> {
     let mut reader = csv::Reader::from_path(path).map_err(|error| named(path, error))?;
-    let rows: Result<_, _> = reader.deserialize().collect();
-    rows.map_err(|error| named(path, error))
+    let rows: Result<Vec<Row>, _> = reader.deserialize().collect();
+    let rows = rows.map_err(|error| named(path, error))?;
+    if rows.is_empty() {
+        return Err(named(path, "has no rows: measure it anew"));
+    }
+    Ok(rows)
 }
 
 /// Writes all rows.

@@ -15,7 +15,10 @@ use firmware_core::{
         mlp::{self, Mlp},
     },
 };
-use host_sim::scenario::{Scenario, ScenarioChoice};
+use host_sim::{
+    allocation::Allocation,
+    scenario::{Scenario, ScenarioChoice},
+};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
@@ -72,6 +75,10 @@ pub(crate) struct Evaluate {
     policy: PathBuf,
     #[command(flatten)]
     mission: ScenarioChoice,
+    /// How powers are chosen: exact, alternating, fixed-user-power[:WATTS] or
+    /// fixed-sensor-power[:WATTS]
+    #[arg(long, default_value_t)]
+    inner: Allocation,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -80,12 +87,13 @@ pub(crate) struct Evaluate {
 impl Evaluate {
     pub(crate) fn execute(self) -> Outcome {
         let (scenario, mut policy) = self.load().map_err(Failure::BadInput)?;
-        let flight = fly(&scenario.mission, &mut *policy).map_err(Failure::Failed)?;
+        let flight = fly(&scenario.mission, &mut *policy, self.inner).map_err(Failure::Failed)?;
         self.print(&flight).map_err(Failure::Failed)
     }
 
     fn load(&self) -> anyhow::Result<(Scenario, Box<dyn Policy<f64, USERS_MAX>>)> {
         let scenario = self.mission.load().map_err(Error::msg)?;
+        self.inner.check(&scenario.mission).map_err(Error::msg)?;
         if self.policy == Path::new("straight-line") {
             let policy = Box::new(StraightLine::new(&scenario.mission));
             return Ok((scenario, policy));

@@ -1,6 +1,6 @@
 //! `trainer publish|compare|curves`: what runs came to.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Error};
 use clap::Args;
@@ -30,7 +30,10 @@ pub(crate) struct Publish {
 impl Publish {
     pub(crate) fn execute(self) -> Outcome {
         for (extension, bytes) in self.files().map_err(Failure::BadInput)? {
-            write(&self.stem.with_extension(extension), &bytes)?;
+            // Not with_extension: a stem may have dots, as those of the figures' cells do.
+            let mut path = self.stem.clone().into_os_string();
+            path.push(format!(".{extension}"));
+            write(Path::new(&path), &bytes)?;
         }
         Ok(())
     }
@@ -104,7 +107,8 @@ impl Curves {
 
     fn text(&self) -> anyhow::Result<String> {
         let mut text = String::from(
-            "scenario,algorithm,learning_rate,seed,episode,episodic_return,sum_rate,eval_sum_rate\n",
+            "scenario,scenario_digest,algorithm,learning_rate,discount,seed,episode,\
+             episodic_return,sum_rate,eval_sum_rate\n",
         );
         for directory in &self.runs {
             let Run { progress, .. } = Run::open(directory)?;
@@ -112,13 +116,18 @@ impl Curves {
             for rows in progress.rows.chunks(self.window.max(1)) {
                 let mean = |column: &str| {
                     let values: Vec<f64> = rows.iter().filter_map(|row| row.get(column)).collect();
-                    values.iter().sum::<f64>() / values.len() as f64
+                    match values.len() {
+                        0 => String::new(),
+                        count => format!("{:.4}", values.iter().sum::<f64>() / count as f64),
+                    }
                 };
                 text += &format!(
-                    "{},{},{},{},{},{:.4},{:.4},{:.4}\n",
+                    "{},{},{},{},{},{},{},{},{},{}\n",
                     progress.scenario,
+                    progress.scenario_digest,
                     s.algorithm.name(),
                     s.policy_learning_rate,
+                    s.discount,
                     s.seed,
                     rows[rows.len() - 1].episode,
                     mean("charts/episodic_return"),

@@ -7,7 +7,10 @@
 use std::{collections::HashMap, fs, path::Path};
 
 use anyhow::{Context, anyhow, bail, ensure};
-use firmware_core::policy::{Provenance, mlp::SELF_TEST_TOLERANCE};
+use firmware_core::{
+    USERS_MAX,
+    policy::{Provenance, mlp::SELF_TEST_TOLERANCE},
+};
 use prost::Message;
 
 use super::{
@@ -151,7 +154,10 @@ impl Walk {
             .context("the graph has no input named observation with a shape")?;
         let columns = shape.dim.last().and_then(|d| d.dim_value).unwrap_or(0);
         let columns = usize::try_from(columns).unwrap_or(0);
-        ensure!(columns > 0, "observation must have the shape [1, M + 4]");
+        ensure!(
+            (1..=USERS_MAX + 4).contains(&columns),
+            "observation must have the shape [1, M + 4], M at most {USERS_MAX}"
+        );
         let identity = Branch {
             normalizer: Normalizer {
                 offset: vec![0.0; columns],
@@ -331,7 +337,12 @@ impl Walk {
             bail!("input {index} must be a matrix");
         };
         let (rows, columns) = (usize::try_from(rows)?, usize::try_from(columns)?);
-        ensure!(values.len() == rows * columns, "input {index} is cut");
+        ensure!(
+            rows.checked_mul(columns) == Some(values.len()),
+            "input {index} is cut: {rows} x {columns}, but {} numbers",
+            values.len()
+        );
+        ensure!(rows > 0 && columns > 0, "input {index} is empty");
         let (outputs, inputs) = if transposed {
             (rows, columns)
         } else {
@@ -454,5 +465,65 @@ fn spread(values: &[f32], n: usize) -> anyhow::Result<Vec<f32>> {
         1 => Ok(vec![values[0]; n]),
         len if len == n => Ok(values.to_vec()),
         len => bail!("a constant of {len} numbers meets {n} columns"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        learner::Learner,
+        onnx::{proto::GraphProto, write},
+        sac::Sac,
+        settings::{Algorithm, Preset, Settings},
+        training::actor_of,
+    };
+    use host_sim::scenario::Scenario;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64Mcg;
+
+    /// A shipped mission's untrained policy with something spoilt: an error, not a panic.
+    fn refused(spoil: impl Fn(&mut GraphProto)) -> String {
+        let scenario = Scenario::shipped("separated").expect("shipped");
+        let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
+        let environment = crate::env::Environment::new(scenario.mission.clone(), &settings);
+        let mut rng = Pcg64Mcg::seed_from_u64(1);
+        let sac = Sac::new(&settings, environment.dimensions(), &mut rng);
+        let bytes = write(&actor_of(&sac, &scenario, &settings, 0));
+        let mut model = ModelProto::decode(&bytes[..]).expect("an ONNX file");
+        spoil(model.graph.as_mut().expect("a graph"));
+        let error = parse(&model.encode_to_vec()).expect_err("unsound");
+        format!("{error:#}")
+    }
+
+    fn set_observation_dim(graph: &mut GraphProto, index: usize, value: i64) {
+        let kind = graph.input[0].kind.as_mut().expect("a type");
+        let shape = kind.tensor_type.as_mut().and_then(|t| t.shape.as_mut());
+        shape.expect("a shape").dim[index].dim_value = Some(value);
+    }
+
+    fn matrix(graph: &mut GraphProto) -> &mut TensorProto {
+        let mut constants = graph.initializer.iter_mut();
+        let found = constants.find(|tensor| tensor.dims.len() == 2 && tensor.dims[0] > 2);
+        found.expect("weights")
+    }
+
+    #[test]
+    fn shapes_that_do_not_fit_their_numbers_are_refused() {
+        let error = refused(|graph| set_observation_dim(graph, 1, 1 << 62));
+        assert!(error.contains("must have the shape [1, M + 4]"), "{error}");
+        // 2^32 by 2^32 is 0 in 64 bits, and so are the numbers that are there.
+        let error = refused(|graph| {
+            let matrix = matrix(graph);
+            matrix.dims = vec![1 << 32, 1 << 32];
+            (matrix.raw_data, matrix.float_data) = (Vec::new(), Vec::new());
+        });
+        assert!(error.contains("is cut"), "{error}");
+        let error = refused(|graph| {
+            let matrix = matrix(graph);
+            matrix.dims = vec![0, 19];
+            (matrix.raw_data, matrix.float_data) = (Vec::new(), Vec::new());
+        });
+        assert!(error.contains("is empty"), "{error}");
     }
 }

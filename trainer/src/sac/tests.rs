@@ -26,7 +26,8 @@ fn the_critic_loss_and_its_gradient_match_finite_differences() {
             .each_ref()
             .map(|t| forward(t, &double(t), &input));
         let least: Vec<f64> = (0..users).map(|m| q[0][m].min(q[1][m])).collect();
-        let cost = head::reference::cost(log_density, &p, &least, [0.1, 0.1]);
+        let counted = f64::from(sac.batch.next_choice[s]) * log_density;
+        let cost = head::reference::cost(counted, &p, &least, [0.1, 0.1]);
         let target = f64::from(sac.batch.reward[s]) - 0.9 * f64::from(sac.batch.follows[s]) * cost;
         assert!((f64::from(sac.target[s]) - target).abs() < 1e-4);
     }
@@ -75,7 +76,8 @@ fn the_policy_loss_and_its_gradient_match_finite_differences() {
                 .each_ref()
                 .map(|(network, p)| forward(network, p, &input));
             let least: Vec<f64> = (0..users).map(|m| q[0][m].min(q[1][m])).collect();
-            head::reference::cost(log_density, &p, &least, [0.1, 0.1])
+            let counted = f64::from(sac.batch.choice[s]) * log_density;
+            head::reference::cost(counted, &p, &least, [0.1, 0.1])
         };
         (0..n).map(cost).sum::<f64>() / n as f64
     };

@@ -40,8 +40,8 @@ pub(in crate::experiment) fn claims_of_thresholds(
     let (sensors_m, users_m) = (to_all(&p.sensors), to_all(&p.users));
     let (mut away, mut towards) = <(Tally, Tally)>::default();
     for index in 1..flights.len() {
-        away.add(sensors_m[index] > sensors_m[index - 1]);
-        towards.add(users_m[index] < users_m[index - 1]);
+        away.add_above(sensors_m[index], sensors_m[index - 1]);
+        towards.add_above(users_m[index - 1], users_m[index]);
     }
     let list = |values: &[f64]| -> String {
         let each = values.iter().map(|value| format!("{value:.0}"));
@@ -90,7 +90,7 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[SlotRow]) -> Vec<Claim
             let cell = tight.at_threshold(threshold);
             let sac = flight_of(rows, cell, Approach::Sac);
             let ddpg = flight_of(rows, cell, Approach::Ddpg);
-            similar.add(apart_m(&sac, &ddpg) < apart_m(&sac, &line));
+            similar.add_above(apart_m(&sac, &line), apart_m(&sac, &ddpg));
             to_ddpg.push(apart_m(&sac, &ddpg));
             to_line.push(apart_m(&sac, &line));
         }
@@ -129,20 +129,20 @@ pub(in crate::experiment) fn claims_of_schedule(rows: &[SlotRow]) -> Vec<Claim> 
         let choices: Vec<&&SlotRow> = flight.iter().filter(|row| row.open_users > 1).collect();
         let place = |row: &&&SlotRow| row.nearer_users as f64 / (row.open_users - 1) as f64;
         let rank = statistics::mean(&choices.iter().map(place).collect::<Vec<_>>());
-        near.add(rank < 0.25);
+        near.add_above(0.25, rank);
         ranks.push(100.0 * rank);
         let first = choices.iter().filter(|row| row.nearer_users == 0).count();
         let share = first as f64 / choices.len() as f64;
         let even = choices.iter().map(|row| 1.0 / row.open_users as f64);
         let chance = statistics::mean(&even.collect::<Vec<_>>());
-        often.add(share > chance);
+        often.add_above(share, chance);
         nearest.push(100.0 * share);
         chances.push(100.0 * chance);
     }
     let (ranks, nearest, chances) = (range(ranks), range(nearest), range(chances));
     vec![Claim::new(
         "The vehicle tends to serve users near to it first.",
-        Verdict::of(near.holding + often.holding, near.cases + often.cases),
+        (near + often).verdict(),
         format!(
             "Of the other users that had not had their slots yet, {:.0} to {:.0} % were nearer than \
              the one served, by flight (chance: 50 %); less than 25 % in {near} flights. The \
@@ -165,12 +165,12 @@ pub(in crate::experiment) fn claims_of_data(rows: &[DataRow]) -> Vec<Claim> {
             let data: Vec<f64> = data.iter().map(|row| row.data).collect();
             let sum = data.iter().sum::<f64>();
             if before > 0.0 {
-                rising.add(sum > before);
+                rising.add_above(sum, before);
             }
             before = sum;
             let spread =
                 100.0 * statistics::deviation(&data).unwrap_or(f64::NAN) / statistics::mean(&data);
-            even.add(spread <= 15.0);
+            even.add_above(15.0, spread);
             spreads.push(spread);
         }
     }
