@@ -11,7 +11,7 @@ use host_sim::{
     bound,
     experiment::{
         Experiment, Laboratory, Settings,
-        cell::{Cell, Learner, NOISE_DBM, Topology, Training},
+        cell::{Cell, Learner, Topology, Training},
         laboratory::{BOUNDS, BoundRow},
         report, table,
         totals::{Approach, TotalRow},
@@ -67,16 +67,15 @@ fn rate(mission: &[TotalRow], approach: Approach) -> Option<f64> {
     Some(row.sum_rate)
 }
 
-/// The better of SAC's presets reaches 0.97 of the best known mission and 0.95 of the bound in every
-/// cell at Table I's noise. At -85 dBm it does not (0.85 to 0.97 of the best known mission with
-/// one seed, docs/results.md), and what is asked there only keeps it from getting worse.
+/// The best of SAC's presets reaches 0.97 of the best known mission and 0.95 of the bound in every
+/// cell: at Table I's noise one of the paper's two, at -85 dBm the extended one.
 #[test]
 fn sac_is_near_the_bound_and_above_the_others_in_every_cell() {
     let rows = measured(Experiment::Approaches);
     assert_eq!(missions(&rows).count(), 16);
     for mission in missions(&rows) {
         let of = |approach| rate(mission, approach);
-        let presets = [Approach::Sac, Approach::SacTableOne]
+        let presets = [Approach::Sac, Approach::SacTableOne, Approach::SacExtended]
             .into_iter()
             .filter_map(of);
         let sac = presets.fold(0.0, f64::max);
@@ -85,12 +84,8 @@ fn sac_is_near_the_bound_and_above_the_others_in_every_cell() {
         let cell = &mission[0];
         assert!(search <= bound, "{cell:?}");
         assert!(sac <= bound, "{cell:?}");
-        let (of_search, of_bound) = match cell.noise_dbm == NOISE_DBM {
-            true => (0.97, 0.95),
-            false => (0.84, 0.83),
-        };
-        assert!(sac >= of_search * search, "{cell:?}: {sac} of {search}");
-        assert!(sac >= of_bound * bound, "{cell:?}: {sac} of {bound}");
+        assert!(sac >= 0.97 * search, "{cell:?}: {sac} of {search}");
+        assert!(sac >= 0.95 * bound, "{cell:?}: {sac} of {bound}");
         for lesser in [Approach::Ddpg, Approach::StraightLine] {
             if let Some(lesser) = of(lesser) {
                 assert!(sac > lesser, "{cell:?}: {sac} against {lesser}");
@@ -124,8 +119,10 @@ fn the_total_grows_with_the_mission_time() {
     let totals: Vec<f64> = missions(&rows)
         .filter_map(|mission| rate(mission, Approach::Sac))
         .collect();
-    assert_eq!(totals.len(), 5);
-    assert!(totals.is_sorted_by(|a, b| a < b), "{totals:?}");
+    assert_eq!(totals.len(), 10);
+    let (separated, mixed) = totals.split_at(5);
+    assert!(separated.is_sorted_by(|a, b| a < b), "{separated:?}");
+    assert!(mixed.is_sorted_by(|a, b| a < b), "{mixed:?}");
     as_committed(Experiment::MissionTime, &rows);
 }
 
