@@ -146,12 +146,9 @@ fn cells(experiment: Experiment) -> Vec<Cell> {
         })
     };
     match experiment {
-        Experiment::MissionTime => Topology::ALL
-            .into_iter()
-            .flat_map(|topology| {
-                MISSION_TIMES_S.map(|slots| Cell::table_one(topology).lasting(slots))
-            })
-            .collect(),
+        Experiment::MissionTime => MISSION_TIMES_S
+            .map(|slots| Cell::table_one(Topology::Separated).lasting(slots))
+            .into(),
         Experiment::Strategies => thresholds(NOISE_DBM).collect(),
         _ => thresholds(NOISE_DBM)
             .chain(thresholds(HIGH_NOISE_DBM))
