@@ -110,8 +110,11 @@ impl Level {
         tube: Tube,
         depth: usize,
     ) -> Self {
+        // No two points of the area are further apart than its diagonal: longer moves lead nowhere.
+        let area = mission.parameters().area;
+        let longest_m = mission.reach_m().min(area.east_m.hypot(area.north_m));
         Self {
-            moves: Moves::any(mission.reach_m(), grid.side_m),
+            moves: Moves::any(longest_m, grid.side_m),
             rates: Arc::new(bounded_rates(bound, &grid, &tube, mission.user_count())),
             grid,
             tube,
@@ -304,5 +307,38 @@ fn bounded_rates<const M: usize, const J: usize>(
         row: row_of,
         rates,
         users,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{HostMission, Scenario};
+
+    fn first_level(mission: &HostMission) -> Level {
+        let p = mission.parameters();
+        let extent_m = p.area.east_m.max(p.area.north_m);
+        let grid = Grid::new(p.area, mission.reach_m().min(extent_m) / 2.0 / (1.0 - 1e-9));
+        Level::first(mission, &RateBound::new(mission), grid, usize::MAX).expect("a level")
+    }
+
+    /// Moves that leave the area from wherever they begin are none: they only cost time and memory.
+    #[test]
+    fn moves_are_no_longer_than_the_area() {
+        let shipped = Scenario::shipped("separated").expect("a shipped scenario");
+        for max_speed_mps in [35.0, 1e3, 1e5] {
+            let mut parameters = shipped.mission.parameters().clone();
+            parameters.max_speed_mps = max_speed_mps;
+            let mission = Mission::new(parameters).expect("a valid mission");
+            let level = first_level(&mission).split(&mission, &RateBound::new(&mission));
+            let across =
+                f64::from(level.grid.columns.max(level.grid.rows)) * std::f64::consts::SQRT_2;
+            let (rows, widest) = (level.moves.half_width.len(), level.moves.half_width[0]);
+            assert!(rows as f64 <= across + 2.0, "{max_speed_mps}: {rows}");
+            assert!(
+                f64::from(widest) <= across + 2.0,
+                "{max_speed_mps}: {widest}"
+            );
+        }
     }
 }

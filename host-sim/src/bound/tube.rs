@@ -47,6 +47,12 @@ impl Window {
         }
     }
 
+    /// The window's columns at most `half` from `column`.
+    fn columns_within(&self, column: i32, half: i32) -> std::ops::Range<i32> {
+        let end = self.column + self.width as i32;
+        (column - half).max(self.column)..(column + half + 1).min(end)
+    }
+
     pub(crate) fn cells(&self) -> usize {
         self.width * self.height
     }
@@ -198,10 +204,14 @@ impl Tube {
                 break;
             }
             let (before, values) = (&self.layers[slot - 1].window, &forward[slot - 1]);
-            let rows = moves.half_width.len() as i32 - 1;
-            let reachable = (-rows..=rows).flat_map(|dy| {
-                let half = moves.half_width[dy.unsigned_abs() as usize];
-                (-half..=half).filter_map(move |dx| before.index(column + dx, row + dy))
+            // Rows and columns of the window alone: a disc of moves may be much larger.
+            let rows = (before.row..).take(before.height);
+            let reachable = rows.flat_map(|from_row| {
+                let half = moves
+                    .half_width
+                    .get((from_row - row).unsigned_abs() as usize);
+                let columns = half.map_or(0..0, |&half| before.columns_within(column, half));
+                columns.filter_map(move |from_column| before.index(from_column, from_row))
             });
             index = first_largest(reachable.map(|index| (index, values[index]))).1;
         }

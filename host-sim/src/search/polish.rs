@@ -22,7 +22,7 @@ const STENCIL_SIDE: usize = 2 * STENCIL_REACH as usize + 1;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PathRules<'m, const M: usize, const J: usize> {
     pub(crate) mission: &'m Mission<f64, M, J>,
-    /// `V_max delta` less the margin, metres.
+    /// `V_max delta` less the margin, and no more than crosses the area, metres.
     pub(crate) reach_m: f64,
     /// Spacing of the lattice, metres.
     pub(crate) quantum_m: f64,
@@ -34,9 +34,12 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         let extent_m = area.east_m.max(area.north_m);
         // 2^23 steps across the area: one bit to spare in the mantissa of f32.
         let quantum_m = (extent_m.log2().ceil() - 23.0).exp2();
+        // Twice the extent is beyond the diagonal: no waypoint is lost, and stencils, whose
+        // spacings are fractions of the reach, begin inside the area.
+        let reach_m = mission.reach_m().min(2.0 * extent_m);
         Self {
             mission,
-            reach_m: mission.reach_m() - 2.0 * quantum_m,
+            reach_m: reach_m - 2.0 * quantum_m,
             quantum_m,
         }
     }
@@ -55,10 +58,14 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         (to - from).norm_squared() <= self.reach_m * self.reach_m
     }
 
-    /// Whether a path from the mission's start keeps the speed limit, stays in the area, and
-    /// ends within one more slot of the destination.
+    /// Whether a path from the mission's start has a waypoint for every slot, keeps the speed
+    /// limit, stays in the area, and ends within one more slot of the destination.
     pub(crate) fn admits(&self, path: &[Position<f64>]) -> bool {
         let p = self.mission.parameters();
+        // Cells that no chain joins give a path without waypoints.
+        if path.len() != self.mission.slots() as usize {
+            return false;
+        }
         let mut from = &p.start;
         for to in path {
             if !(self.joins(from, to) && p.area.contains(to)) {
@@ -132,5 +139,26 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
             .filter(|offset| offset.norm_squared() > 0.0)
             .filter_map(move |offset| self.on_lattice(center + offset));
         std::iter::once(*center).chain(moved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Scenario;
+
+    /// Where start and destination are near each other, a path without waypoints joins them, but
+    /// is no mission.
+    #[test]
+    fn a_path_of_another_length_is_not_admitted() {
+        let shipped = Scenario::shipped("separated").expect("a shipped scenario");
+        let mut parameters = shipped.mission.parameters().clone();
+        parameters.destination = parameters.start;
+        let mission = Mission::new(parameters).expect("a valid mission");
+        let rules = PathRules::new(&mission);
+        let stay = vec![mission.parameters().start; mission.slots() as usize];
+        assert!(rules.admits(&stay));
+        assert!(!rules.admits(&stay[1..]));
+        assert!(!rules.admits(&[]));
     }
 }
