@@ -260,6 +260,63 @@ fn best_by_enumeration(mission: &HostMission, spacing_m: f64) -> f64 {
         .fold(0.0, |best, (_, &value)| best.max(value))
 }
 
+/// Whoever crosses the whole area in a slot gains nothing by being faster: the same certificate,
+/// and no more work, whether that comes from the speed, from the slot's length, or from both.
+#[test]
+fn a_reach_beyond_the_area_is_the_area() {
+    let mission = shipped("separated");
+    let certificate = |slot_duration_s: f64, max_speed_mps: f64| {
+        let fast = changed(&mission, |p| {
+            p.slot_duration_s = slot_duration_s;
+            p.max_speed_mps = max_speed_mps;
+        });
+        let bound = bound(&fast, &QUICK);
+        assert!(bound.lower <= bound.upper);
+        assert!(
+            bound.gap < 0.02,
+            "{slot_duration_s} {max_speed_mps}: {}",
+            bound.gap
+        );
+        Bound {
+            seconds: 0.0,
+            ..bound
+        }
+    };
+    let just = certificate(60.0, 35.0);
+    for (slot_duration_s, max_speed_mps) in [(3600.0, 30.0), (1.0, 1e6), (3600.0, 1e6)] {
+        assert_eq!(certificate(slot_duration_s, max_speed_mps), just);
+    }
+}
+
+/// What is allowed to be stored holds for the cells that the missions are parted at, not only for
+/// the larger ones of the beginning.
+#[test]
+fn the_limit_on_pairs_holds_at_the_parting_depth_too() {
+    let mission = shipped("separated");
+    let with_pairs = |pairs_max: usize| {
+        let settings = Settings { pairs_max, ..QUICK };
+        certify(&mission, &settings, |_| {}).map(|bound| bound.upper)
+    };
+    // 60 slots of at most 67 x 67 cells of 15 m, and four times that of 7.5 m.
+    assert!(with_pairs(4 * 60 * 67 * 67).is_ok());
+    for (pairs_max, side_m) in [(60 * 67 * 67, 7.5), (1000, 15.0)] {
+        let Err(BoundError::TooLarge { cell_m, .. }) = with_pairs(pairs_max) else {
+            panic!("{pairs_max} pairs are too few");
+        };
+        assert!((cell_m - side_m).abs() < 1e-6, "{cell_m}");
+    }
+}
+
+/// Where no place meets Gamma, every mission carries nothing, and that is known exactly.
+#[test]
+fn nothing_carried_is_no_gap() {
+    let deaf = changed(&shipped("separated"), |p| p.mse_threshold = 1e-6);
+    let bound = bound(&deaf, &Settings::default());
+    assert!(bound.carries_nothing());
+    assert_eq!((bound.lower, bound.gap, bound.leaves), (0.0, 0.0, 1));
+    assert!(bound.upper < 60.0 * 2e-9, "{}", bound.upper);
+}
+
 #[test]
 fn missions_without_room_and_missions_too_large_are_refused() {
     let mission = shipped("separated");
@@ -271,11 +328,13 @@ fn missions_without_room_and_missions_too_large_are_refused() {
         certify(&tight, &QUICK, |_| {}),
         Err(BoundError::NoRoom { .. })
     ));
-    let long = changed(&mission, |p| p.slots = 100_000);
-    assert!(matches!(
-        certify(&long, &QUICK, |_| {}),
-        Err(BoundError::TooLarge { .. })
-    ));
+    for slots in [1001, 100_000] {
+        let long = changed(&mission, |p| p.slots = slots);
+        assert_eq!(
+            certify(&long, &QUICK, |_| {}).err(),
+            Some(BoundError::TooManySlots { slots, max: 1000 })
+        );
+    }
     let slow = changed(&mission, |p| {
         p.max_speed_mps = 0.01;
         p.destination = p.start;

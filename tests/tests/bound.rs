@@ -32,15 +32,36 @@ fn the_search_policy_flies_the_lower_bound() {
 }
 
 #[test]
+fn a_mission_that_carries_nothing_is_said_to() {
+    let output = program("host-sim")
+        .args(["bound", "--mse-threshold", "1e-6"])
+        .assert()
+        .success();
+    let words = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
+    assert!(
+        words.contains("no place in reach meets the MSE threshold"),
+        "{words}"
+    );
+    assert!(words.contains("gap       0.000 %"), "{words}");
+}
+
+#[test]
 fn nonsense_is_refused_in_one_line() {
-    let cases: [(&[&str], &str); 4] = [
+    let cases: [(&[&str], &str); 5] = [
         (&["--gap", "1.5"], "--gap is 1.5"),
         (&["--gap", "NaN"], "--gap is NaN"),
         (
             &["--mse-threshold", "0.03"],
             "separated with --mse-threshold 0.03: aircomp.mse_threshold is 0.03",
         ),
-        (&["--slots", "100000"], "fewer slots"),
+        (
+            &["--slots", "100000"],
+            "the mission has 100000 slots, but at most 1000 are bounded",
+        ),
+        (
+            &["--slots", "1001"],
+            "the mission has 1001 slots, but at most 1000 are bounded",
+        ),
     ];
     for (arguments, expected) in cases {
         let output = program("host-sim")

@@ -28,7 +28,7 @@ use crate::search::{PathRules, Plan, made_admissible, rearrange, refine};
 use grid::Grid;
 use level::Level;
 use multipliers::Descent;
-use rates::RateBound;
+use rates::{RATE_ROUNDING, RateBound};
 use tree::Leaf;
 
 /// How far to go.
@@ -41,7 +41,7 @@ pub struct Settings {
     /// The most parts that the missions are divided into.
     pub leaves_max: usize,
     /// The most pairs of slot and cell that one leaf may store: bounds memory (about 10 bytes
-    /// each).
+    /// each while it is worked on, 1 while it waits).
     pub pairs_max: usize,
     /// The most pairs of slot and cell that are looked at after parting: bounds time.
     pub work_max: usize,
@@ -79,7 +79,7 @@ pub struct Bound {
     pub upper: f64,
     /// The sum of rates of `plan`, bit/s/Hz.
     pub lower: f64,
-    /// `(upper - lower) / upper`.
+    /// `(upper - lower) / upper`; 0 where only rounding lies between them.
     pub gap: f64,
     /// Side of the smallest cells, metres.
     pub cell_m: f64,
@@ -91,6 +91,13 @@ pub struct Bound {
     pub seconds: f64,
     /// An admissible mission that reaches `lower`.
     pub plan: Plan,
+}
+
+impl Bound {
+    /// Whether no mission carries anything, because no place that one can reach meets `Gamma`.
+    pub fn carries_nothing(&self) -> bool {
+        self.lower == 0.0 && self.gap == 0.0
+    }
 }
 
 /// Why a mission is not bounded.
@@ -106,6 +113,16 @@ pub enum BoundError {
         pairs_max: usize,
         /// Side of the largest cells, metres.
         cell_m: f64,
+    },
+    /// More slots than the assignment of users to them can be optimal for.
+    #[error(
+        "the mission has {slots} slots, but at most {max} are bounded: the assignment of users is cubic in them"
+    )]
+    TooManySlots {
+        /// `N`.
+        slots: u32,
+        /// What is allowed.
+        max: u32,
     },
     /// The straight line at full speed is all that there is.
     #[error(
@@ -149,13 +166,13 @@ pub fn certify<const M: usize, const J: usize>(
     certifier.part();
     certifier.polish();
     let cell_m = certifier.split();
-    let (lower, upper) = (certifier.lower(), certifier.upper());
+    let (lower, upper, gap) = (certifier.lower(), certifier.upper(), certifier.gap());
     let leaves = certifier.leaves.len();
     let plan = certifier.best.ok_or_else(|| no_room(mission))?;
     Ok(Bound {
         upper,
         lower,
-        gap: (upper - lower) / upper.max(f64::MIN_POSITIVE),
+        gap,
         cell_m,
         leaves,
         multipliers,
@@ -256,7 +273,18 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
     }
 
     fn is_close(&self) -> bool {
-        self.upper() - self.lower() <= self.settings.gap * self.upper()
+        self.gap() == 0.0 || self.upper() - self.lower() <= self.settings.gap * self.upper()
+    }
+
+    /// Relative to the upper bound; 0 where no more than rounding lies between the bounds, as
+    /// where nothing is carried at all.
+    fn gap(&self) -> f64 {
+        let (lower, upper) = (self.lower(), self.upper());
+        let rounding = f64::from(self.mission.slots()) * 2.0 * RATE_ROUNDING;
+        if upper - lower <= rounding {
+            return 0.0;
+        }
+        (upper - lower) / upper
     }
 
     /// Prices may be negative where every mission meets each quota exactly.
@@ -276,19 +304,27 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         // A side a hair above V delta over a power of two: then moves along the axes are not
         // longer than V delta (docs/bound.md).
         let side_m = self.mission.reach_m().min(extent_m) / 2.0 / (1.0 - 1e-9);
-        let too_large = BoundError::TooLarge {
-            pairs_max: self.settings.pairs_max,
-            cell_m: side_m,
-        };
-        if self.mission.slots() > SLOTS_MAX || extent_m / side_m > 1e4 {
-            return Err(too_large);
+        let pairs_max = self.settings.pairs_max;
+        let too_large = |cell_m: f64| BoundError::TooLarge { pairs_max, cell_m };
+        if self.mission.slots() > SLOTS_MAX {
+            return Err(BoundError::TooManySlots {
+                slots: self.mission.slots(),
+                max: SLOTS_MAX,
+            });
+        }
+        if extent_m / side_m > 1e4 {
+            return Err(too_large(side_m));
         }
         let grid = Grid::new(p.area, side_m);
-        let level = Level::first(self.mission, self.rate_bound, grid, self.settings.pairs_max)
-            .ok_or(too_large)?;
+        let level = Level::first(self.mission, self.rate_bound, grid, pairs_max)
+            .ok_or_else(|| too_large(side_m))?;
         let free = vec![0.0; self.mission.user_count()];
         let mut leaf = Leaf::solve(level, free, &self.descent(150, 0.05, 1e-4), self.lower());
         while leaf.level.depth < PARTING_DEPTH {
+            // What is stored is what was not dropped: more than the limit may fit once split.
+            if 4 * leaf.level.tube.stored() > pairs_max {
+                return Err(too_large(leaf.level.grid.side_m / 2.0));
+            }
             let level = leaf.split(self.mission, self.rate_bound);
             let descent = self.descent(120, 0.02, 1e-4);
             leaf = Leaf::solve(level, leaf.multipliers, &descent, self.lower());
@@ -359,7 +395,7 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
     /// Parts leaves, the worst first, and looks for missions in the parts.
     fn part(&mut self) {
         let descent = self.descent(25, 0.01, 5e-4);
-        while self.leaves.len() < self.settings.leaves_max {
+        while self.leaves.len() < self.settings.leaves_max && self.gap() > 0.0 {
             let Some(leaf) = self.worst_leaf(|leaf| !leaf.agreed) else {
                 break;
             };

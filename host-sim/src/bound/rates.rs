@@ -87,7 +87,7 @@ impl<'m, const M: usize, const J: usize> RateBound<'m, M, J> {
 }
 
 /// What the slot solution may be off by in double precision, bit/s/Hz, with a large margin.
-const RATE_ROUNDING: f64 = 1e-9;
+pub(crate) const RATE_ROUNDING: f64 = 1e-9;
 
 /// The least `f32` that is no less.
 pub(crate) fn round_up(value: f64) -> f32 {

@@ -20,6 +20,10 @@ pub(crate) struct BoundArguments {
     /// Stop when (upper - lower) / upper is at most this
     #[arg(long, default_value_t = Settings::default().gap)]
     gap: f64,
+    /// Part the missions into at most so many; 1 shows what parting is worth
+    #[arg(long, default_value_t = Settings::default().leaves_max as u64,
+        value_parser = clap::value_parser!(u64).range(1..=1000))]
+    parts: u64,
     /// Print the certificate, with its mission, as JSON
     #[arg(long)]
     json: bool,
@@ -45,6 +49,7 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
     let settings = Settings {
         gap: arguments.gap,
+        leaves_max: arguments.parts as usize,
         ..Settings::default()
     };
     let bar = ProgressBar::new_spinner().with_style(style());
@@ -91,6 +96,12 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
         bound.cell_m, bound.leaves
     )?;
     writeln!(out, "time      {:.1} s", bound.seconds)?;
+    if bound.carries_nothing() {
+        writeln!(
+            out,
+            "note      no place in reach meets the MSE threshold: every mission carries nothing"
+        )?;
+    }
     Ok(())
 }
 
