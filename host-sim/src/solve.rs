@@ -3,8 +3,8 @@
 //! A line in holds `sensor_gain` (array, `|h_j|^2`), `user_gain` (`|g|^2`, or `null` for nobody
 //! served), `sensor_power_max`, `user_power_max`, `noise_power` (watts) and `mse_threshold`; other
 //! keys are ignored, so that a line with known results can be replayed. A line out holds the
-//! answer, or `{"error": ".."}` with the field, its value and what would be right; one line out
-//! per line in, whatever it holds. Sensors may be as many as memory holds.
+//! answer, or `{"error": ".."}` with the line's number, the field, its value and what would be right;
+//! one line out per line in, whatever it holds. Sensors may be as many as memory holds.
 
 use std::{
     fmt,
@@ -146,8 +146,9 @@ pub fn run(
         match answered {
             Ok(()) => {}
             Err(LineError::Output(error)) => return Err(error.into()),
-            Err(LineError::Input(error)) => {
+            Err(error) => {
                 tally.errors += 1;
+                let error = format!("line {}{error}", tally.lines);
                 serde_json::to_writer(&mut output, &serde_json::json!({ "error": error }))?;
             }
         }
@@ -158,12 +159,17 @@ pub fn run(
     Ok(tally)
 }
 
-/// Why a line has no answer.
-#[derive(Debug)]
+/// Why a line has no answer. Written out, it continues "line 7".
+#[derive(Debug, thiserror::Error)]
 enum LineError {
     /// What is wrong with it.
+    #[error(": {0}")]
     Input(String),
+    /// What is wrong at a column, from 1: it is no JSON there.
+    #[error(", column {column}: {problem}")]
+    Syntax { column: usize, problem: String },
     /// The answer could not be written.
+    #[error(": {0}")]
     Output(io::Error),
 }
 
@@ -185,10 +191,15 @@ impl Problem {
             )));
         }
         let mut json = serde_json::Deserializer::from_str(text);
-        let problem: Self = serde_path_to_error::deserialize(&mut json)
-            .map_err(|error| LineError::Input(explain(text, &error)))?;
-        json.end()
-            .map_err(|error| LineError::Input(format!("after the object: {error}")))?;
+        let problem: Self =
+            serde_path_to_error::deserialize(&mut json).map_err(|error| explain(text, &error))?;
+        json.end().map_err(|error| {
+            let rest = text.get(error.column().saturating_sub(1)..);
+            LineError::Input(format!(
+                "after the object comes {}, but a line holds one object",
+                quoted(rest.unwrap_or(text))
+            ))
+        })?;
         Ok(problem)
     }
 
@@ -381,35 +392,94 @@ const FIELDS: [&str; 6] = [
 const A_PROBLEM: &str = "a JSON object with sensor_gain, user_gain, sensor_power_max, \
                          user_power_max, noise_power and mse_threshold";
 
-/// serde_json's message without the line and column: the line is known.
-fn without_place(cause: &serde_json::Error) -> String {
-    let text = cause.to_string();
-    text.split(" at line ").next().unwrap_or(&text).to_owned()
+/// The beginning of a text, as it stands in the line.
+fn quoted(text: &str) -> String {
+    let mut shown: String = text.chars().take(SHOWN).collect();
+    if shown.len() < text.len() {
+        shown.push_str("..");
+    }
+    format!("`{shown}`")
 }
 
-/// What was expected where, with the text that was found.
-fn explain(text: &str, error: &serde_path_to_error::Error<serde_json::Error>) -> String {
-    let (path, cause) = (error.path().to_string(), error.inner());
-    if cause.is_data() {
-        return match serde_json::from_str(text) {
-            Ok(line) => misfit(&line).unwrap_or_else(|| without_place(cause)),
-            Err(_) => without_place(cause),
-        };
+/// Characters of a line that an error repeats.
+const SHOWN: usize = 24;
+
+/// What is wrong with a line that is no [`Problem`]: the field, what it holds, what would be right.
+fn explain(text: &str, error: &serde_path_to_error::Error<serde_json::Error>) -> LineError {
+    let cause = error.inner();
+    if cause.is_data()
+        && let Ok(line) = serde_json::from_str(text)
+    {
+        return LineError::Input(misfit(&line).unwrap_or_else(|| twice(cause)));
     }
-    if path == "." {
-        return format!("the line is not JSON: {cause}");
+    if !text.trim_start().starts_with('{') {
+        return LineError::Input(format!(
+            "the line is {}, but must be {A_PROBLEM}",
+            quoted(text)
+        ));
     }
-    // `NaN`, `Infinity` and the like, which JSON does not have: show the word.
-    let (ends, column) = ([',', ':', '[', ']', '{', '}', ' ', '\t'], cause.column());
-    let before = text.get(..column.saturating_sub(1)).unwrap_or(text);
-    let start = before.rfind(ends).map_or(0, |end| end + 1);
-    let found: String = (text[start..]
-        .trim_start()
-        .split(ends)
-        .next()
-        .unwrap_or_default())
-    .chars()
-    .take(24)
-    .collect();
-    format!("{path}: found `{found}`, but must be a JSON number ({cause})")
+    if cause.is_eof() {
+        return LineError::Input(format!("the line ends too early, but must be {A_PROBLEM}"));
+    }
+    let (column, word) = word_at(text, cause.column());
+    let path = error.path().to_string();
+    // The path ends in `?` where the name of a field was being read.
+    let field = (path != "." && !path.contains('?')).then_some(path);
+    let place = field
+        .as_ref()
+        .map_or(String::new(), |field| format!(" in {field}"));
+    let is_number = field
+        .as_ref()
+        .is_some_and(|field| FIELDS.contains(&field.split('[').next().unwrap_or_default()));
+    LineError::Syntax {
+        column,
+        problem: format!(
+            "{}{place} where {} must be",
+            quoted(word),
+            required(cause, is_number)
+        ),
+    }
+}
+
+/// What JSON, or a number's field, has in place of what the parser stumbled over.
+fn required(cause: &serde_json::Error, is_number: bool) -> String {
+    let words = cause.to_string();
+    let words = words.split(" at line ").next().unwrap_or(&words);
+    match words.strip_prefix("expected ") {
+        // A comma, a colon or a bracket.
+        Some(mark) if mark.starts_with('`') => mark.to_owned(),
+        _ if words == "key must be a string" => "a name in double quotes".into(),
+        _ if words == "number out of range" => "a JSON number below 1.8e308".into(),
+        _ if is_number => "a JSON number".into(),
+        _ => "a JSON value".into(),
+    }
+}
+
+/// The word that a column is in, and where it begins: what stands between marks and blanks.
+/// Columns count bytes from 1.
+fn word_at(text: &str, column: usize) -> (usize, &str) {
+    let is_end = |letter: char| ",:[]{} \t".contains(letter);
+    let at = text.floor_char_boundary(column.saturating_sub(1).min(text.len()));
+    let start = text[..at].rfind(is_end).map_or(0, |end| end + 1);
+    let word = |start: usize| {
+        let rest = &text[start..];
+        &rest[..rest.find(is_end).unwrap_or(rest.len())]
+    };
+    match (word(at), word(start)) {
+        // A mark itself.
+        ("", "") => (at + 1, &text[at..text.len().min(at + 1)]),
+        // The parser looked one further than the word.
+        (_, word) => (start + 1, word),
+    }
+}
+
+/// A field that is there twice: JSON lets the last one win, which is not what was meant.
+fn twice(cause: &serde_json::Error) -> String {
+    let words = cause.to_string();
+    let field = words
+        .strip_prefix("duplicate field `")
+        .and_then(|rest| rest.split('`').next());
+    field.map_or(format!("the line must be {A_PROBLEM}"), |field| {
+        format!("{field} is there twice, but must be once")
+    })
 }

@@ -196,7 +196,7 @@ fn whole_reference_where_present() {
 #[test]
 fn bad_lines_are_answered_and_the_rest_go_on() {
     let good = r#"{"sensor_gain":[1e-11,2e-11],"user_gain":1e-11,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.3}"#;
-    let cases: [(&str, String, &[&str]); 18] = [
+    let cases: [(&str, String, &[&str]); 23] = [
         (
             "NaN",
             good.replace("2e-11", "NaN"),
@@ -255,7 +255,7 @@ fn bad_lines_are_answered_and_the_rest_go_on() {
         (
             "not JSON",
             "rate = 3".into(),
-            &["not JSON", "expected value"],
+            &["line 2: the line is `rate = 3`, but must be a JSON object with sensor_gain"],
         ),
         (
             "null",
@@ -270,10 +270,46 @@ fn bad_lines_are_answered_and_the_rest_go_on() {
         (
             "twice",
             good.replace("{", r#"{"noise_power":1,"#),
-            &["duplicate field `noise_power`"],
+            &["line 2: noise_power is there twice, but must be once"],
         ),
-        ("two", format!("{good} {good}"), &["after the object"]),
-        ("cut", good[..40].into(), &["EOF"]),
+        (
+            "two",
+            format!("{good} {good}"),
+            &[
+                "line 2: after the object comes `{\"sensor_gain\":",
+                "but a line holds one object",
+            ],
+        ),
+        (
+            "cut",
+            good[..40].into(),
+            &["line 2: the line ends too early, but must be a JSON object with"],
+        ),
+        (
+            "cut between fields",
+            good[..good.len() - 1].into(),
+            &["line 2: the line ends too early, but must be a JSON object with"],
+        ),
+        (
+            "comma",
+            good.replace("2e-11]", "2e-11,]"),
+            &["line 2, column 29: `]` in sensor_gain where a JSON number must be"],
+        ),
+        (
+            "no comma",
+            good.replace("],", "] "),
+            &["line 2, column 30: `\"user_gain\"` where `,` or `}` must be"],
+        ),
+        (
+            "no quotes",
+            good.replace("\"user_gain\"", "user_gain"),
+            &["line 2, column 30: `user_gain` where a name in double quotes must be"],
+        ),
+        (
+            "no bracket",
+            good.replace("2e-11]", "2e-11"),
+            &["line 2, column 29: `\"user_gain\"` in sensor_gain[2] where a JSON number must be"],
+        ),
         ("blank", "  ".into(), &["the line is empty", "sensor_gain"]),
     ];
     for precision in [Precision::F64, Precision::F32] {
@@ -297,6 +333,19 @@ fn bad_lines_are_answered_and_the_rest_go_on() {
             for part in *expected {
                 assert!(error.contains(part), "{name}: {error}");
             }
+            // The parser's own words, and the place in a text of one line, help nobody.
+            for foreign in [
+                "EOF",
+                "expected",
+                "trailing",
+                "at line 1",
+                "serde",
+                "invalid type",
+                "?",
+            ] {
+                assert!(!error.contains(foreign), "{name}: {error}");
+            }
+            assert!(error.starts_with("line 2"), "{name}: {error}");
         }
     }
 }
