@@ -57,6 +57,8 @@ pub struct LinkRecord {
     pub slots_missed: u32,
     /// Arrivals and commands that came again.
     pub repeated: u32,
+    /// Arrivals and commands about a slot, or serving a user, that the mission does not have.
+    pub nonsense: u32,
 }
 
 /// The vehicle's true place at a time.

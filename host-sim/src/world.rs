@@ -68,12 +68,25 @@ impl World {
         }
     }
 
+    /// Whether the mission has this slot: 1 to `N`.
+    pub fn has_slot(&self, slot: u32) -> bool {
+        (1..=self.scenario.mission.slots()).contains(&slot)
+    }
+
+    /// Whether the mission has this user: 0 to `M - 1`.
+    pub fn has_user(&self, user: usize) -> bool {
+        user < self.scenario.mission.user_count()
+    }
+
     /// The channels of a slot with the vehicle over `vehicle`.
     pub fn channel_state(&self, slot: u32, vehicle: &Position<f64>) -> HostChannelState {
         ChannelState::predicted(&self.scenario.mission, slot, vehicle)
     }
 
     /// Everybody does as commanded with the vehicle over `vehicle`: what comes of it.
+    ///
+    /// # Panics
+    /// A [slot](Self::has_slot) that the mission does not have.
     pub fn transmit(&self, command: &HostSlotCommand, vehicle: &Position<f64>) -> SlotOutcome {
         let mission = &self.scenario.mission;
         let truth = self.channel_state(command.slot, vehicle);
@@ -97,6 +110,9 @@ impl World {
 
     /// The rate of a slot in which `user`, if anybody, is served with the vehicle over `vehicle`, as `method`
     /// allocates it, bit/s/Hz.
+    ///
+    /// # Panics
+    /// A [user](Self::has_user) that the mission does not have.
     pub fn rate_at(
         &self,
         method: &Method<f64>,

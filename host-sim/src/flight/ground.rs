@@ -111,6 +111,10 @@ impl Ground {
         arrival: &Arrival<f64>,
         truth: Option<Position<f64>>,
     ) -> Option<HostChannelState> {
+        if !self.world.has_slot(arrival.plan.slot) {
+            self.link.nonsense += 1;
+            return None;
+        }
         if self.is_recorded(arrival.plan.slot) {
             self.link.repeated += 1;
             return None;
@@ -136,6 +140,11 @@ impl Ground {
 
     /// Users and sensors transmit; the slot is recorded.
     fn obey(&mut self, command: &HostSlotCommand) {
+        let served = command.served_user;
+        if !self.world.has_slot(command.slot) || served.is_some_and(|m| !self.world.has_user(m)) {
+            self.link.nonsense += 1;
+            return;
+        }
         if self.is_recorded(command.slot) {
             self.link.repeated += 1;
             return;
@@ -177,5 +186,71 @@ impl Ground {
             plan_us: 0.0,
             allocate_us: 0.0,
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{Scenario, Topology, generate};
+    use firmware_core::{
+        controller::{Controller, SlotCommand},
+        policy::StraightLine,
+    };
+
+    fn frame(message: &Message<f64, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
+        let mut buffer = [0; FRAME_MAX];
+        link::encode(message, &mut buffer).expect("fits").to_vec()
+    }
+
+    /// An arrival and a command of slot 1 as a sound vehicle says them.
+    fn slot_one(scenario: &Scenario) -> (Arrival<f64>, SlotCommand<f64, SENSORS_MAX>) {
+        let mission = &scenario.mission;
+        let mut controller = Controller::new(mission.clone(), StraightLine::new(mission));
+        let plan = controller.plan(mission.parameters().start).expect("a plan");
+        let state = ChannelState::predicted(mission, 1, &plan.waypoint);
+        let command = controller.allocate(&state).expect("a command");
+        let position = plan.waypoint;
+        (Arrival { plan, position }, command)
+    }
+
+    /// What is at the end of a socket may say anything: slots and users that the mission does not
+    /// have are counted, and nothing comes of them.
+    #[test]
+    fn a_board_that_talks_nonsense_is_counted_and_ignored() {
+        let scenario = generate(Topology::Mixed, 2, 3, 5).expect("a scenario");
+        let slots = scenario.mission.slots();
+        let mut ground = Ground::new(World::new(&scenario, 1, 10), Method::Exact);
+        let (arrival, command) = slot_one(&scenario);
+        let mut said = 0;
+        let say = |ground: &mut Ground, message| ground.receive(&frame(&message), None).len();
+        for slot in [0, slots + 1, u32::MAX] {
+            let mut astray = arrival;
+            astray.plan.slot = slot;
+            let command = SlotCommand {
+                slot,
+                ..command.clone()
+            };
+            assert_eq!(say(&mut ground, Message::Arrival(astray)), 0);
+            assert_eq!(say(&mut ground, Message::Command(command)), 0);
+            said += 2;
+        }
+        assert!(say(&mut ground, Message::Arrival(arrival)) > 0);
+        for user in [3, usize::MAX] {
+            let command = SlotCommand {
+                served_user: Some(user),
+                ..command.clone()
+            };
+            say(&mut ground, Message::Command(command));
+            said += 1;
+        }
+        assert_eq!(ground.slots().len(), 0);
+        assert_eq!(
+            (ground.link().nonsense, ground.link().slots_missed),
+            (said, 0)
+        );
+        // And the right command still comes through.
+        say(&mut ground, Message::Command(command));
+        assert_eq!(ground.slots().len(), 1);
     }
 }
