@@ -1,7 +1,7 @@
 //! TCP to a server that may come and go.
 
 use std::io::{self, Read, Write};
-use std::net::{TcpStream, ToSocketAddrs};
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use super::{BackOff, HostPort, Link, PIECE, patiently};
@@ -27,11 +27,8 @@ impl TcpOut {
     }
 
     fn connect(&self) -> io::Result<TcpStream> {
-        let address = (self.to.host.as_str(), self.to.port)
-            .to_socket_addrs()?
-            .next()
-            .ok_or(io::ErrorKind::NotFound)?;
-        let stream = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT)?;
+        let addresses = (self.to.host.as_str(), self.to.port).to_socket_addrs()?;
+        let stream = connect_to_any(&addresses.collect::<Vec<_>>())?;
         // Setpoints are small and must not wait for company.
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
@@ -55,6 +52,20 @@ impl TcpOut {
         self.stream = None;
         self.back_off.failed(reason);
     }
+}
+
+/// To the first address of a name that answers. All together may take [`CONNECT_TIMEOUT`]: a flight
+/// waits meanwhile.
+fn connect_to_any(addresses: &[SocketAddr]) -> io::Result<TcpStream> {
+    let share = CONNECT_TIMEOUT / addresses.len().max(1) as u32;
+    let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
+    for address in addresses {
+        match TcpStream::connect_timeout(address, share) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
 }
 
 impl Link for TcpOut {
@@ -136,6 +147,24 @@ mod tests {
                 got.extend_from_slice(&buffer);
             }
         }
+    }
+
+    /// A name may have an address at which nobody listens: `localhost` is often ::1 first.
+    #[test]
+    fn the_address_that_answers_is_taken() {
+        let free = TcpListener::bind("127.0.0.1:0").unwrap();
+        let nobody = free.local_addr().unwrap();
+        drop(free);
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let somebody = listener.local_addr().unwrap();
+        for addresses in [[nobody, somebody], [somebody, nobody]] {
+            let stream = connect_to_any(&addresses).unwrap();
+            assert_eq!(stream.peer_addr().unwrap(), somebody);
+        }
+        let refused = connect_to_any(&[nobody]).unwrap_err();
+        assert_eq!(refused.kind(), io::ErrorKind::ConnectionRefused);
+        let none = connect_to_any(&[]).unwrap_err();
+        assert_eq!(none.to_string(), "the name has no address");
     }
 
     #[test]

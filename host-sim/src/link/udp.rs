@@ -12,12 +12,21 @@ const PEER_TIMEOUT: Duration = Duration::from_secs(30);
 const PEERS: usize = 8;
 
 fn resolve(at: &HostPort) -> io::Result<SocketAddr> {
-    let mut found = (at.host.as_str(), at.port)
+    let found = (at.host.as_str(), at.port)
         .to_socket_addrs()
         .map_err(|error| io::Error::new(error.kind(), format!("{at}: {error}")))?;
-    found
-        .next()
+    preferred(found)
         .ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, format!("{at}: no address")))
+}
+
+/// Of a name's addresses the first of IPv4, at which autopilots listen: nothing tells whether
+/// anybody is at another, and both ends must mean the same one.
+fn preferred(mut found: impl Iterator<Item = SocketAddr>) -> Option<SocketAddr> {
+    let first = found.next()?;
+    if first.is_ipv4() {
+        return Some(first);
+    }
+    Some(found.find(SocketAddr::is_ipv4).unwrap_or(first))
 }
 
 /// Waits for a datagram; `Ok(None)` if none came, or a peer is not there (any more): on UDP
@@ -177,6 +186,20 @@ mod tests {
         let port = inward.socket.local_addr().unwrap().port();
         let outward = UdpOut::open(&HostPort { port, ..local }).unwrap();
         (inward, outward)
+    }
+
+    /// Whether anybody is there cannot be asked on UDP, and both ends must mean the same address.
+    #[test]
+    fn of_the_addresses_of_a_name_an_ipv4_one_is_taken() {
+        let chosen = |addresses: &[&str]| {
+            let addresses: Vec<SocketAddr> = addresses.iter().map(|a| a.parse().unwrap()).collect();
+            preferred(addresses.into_iter()).map(|address| address.to_string())
+        };
+        let four = Some("127.0.0.1:5".to_owned());
+        assert_eq!(chosen(&["[::1]:5", "127.0.0.1:5", "127.0.0.2:5"]), four);
+        assert_eq!(chosen(&["127.0.0.1:5", "[::1]:5"]), four);
+        assert_eq!(chosen(&["[::1]:5"]), Some("[::1]:5".into()));
+        assert_eq!(chosen(&[]), None);
     }
 
     const SOON: Duration = Duration::from_millis(500);
