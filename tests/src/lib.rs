@@ -2,6 +2,7 @@
 
 use std::{
     collections::BTreeSet,
+    net::UdpSocket,
     path::{Path, PathBuf},
     process::Command,
     sync::{Mutex, PoisonError},
@@ -36,6 +37,15 @@ pub fn program(name: &'static str) -> Command {
     let mut command = Command::new(folder_of_programs().join(name));
     command.current_dir(repository());
     command
+}
+
+/// A port that nobody listened on a moment ago.
+///
+/// # Panics
+/// No port is left on this machine.
+pub fn free_port() -> u16 {
+    let socket = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+    socket.map_or_else(|error| panic!("no free port: {error}"), |at| at.port())
 }
 
 /// `target/debug`, wherever the target directory is: tests run from its `deps`.

@@ -2,14 +2,13 @@
 
 use std::{
     fs,
-    net::UdpSocket,
     path::Path,
     process::{Child, Command, Stdio},
     thread,
 };
 
 use assert_cmd::assert::OutputAssertExt;
-use end_to_end::program;
+use end_to_end::{free_port, program};
 use serde_json::Value;
 use tempfile::tempdir;
 
@@ -27,15 +26,6 @@ impl Drop for Server {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
-}
-
-/// A UDP port that nobody listened on a moment ago.
-fn free_port() -> u16 {
-    UdpSocket::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port()
 }
 
 /// Four times as fast as real time: the test ends soon, and the client's patience, which runs in
@@ -203,6 +193,23 @@ fn a_refused_connection_is_said() {
             "{words}"
         );
     }
+}
+
+/// A ground station beside that is not there holds nothing up, and is said once, after the flight.
+#[test]
+fn a_ground_station_that_was_never_reached_is_noted() {
+    let folder = tempdir().unwrap();
+    let link = format!("tcpout:127.0.0.1:{}", free_port());
+    let run = program("host-sim")
+        .args(["run", "--policy", "straight-line", "--also", &link])
+        .arg("--out")
+        .arg(folder.path())
+        .assert()
+        .success();
+    let words = String::from_utf8(run.get_output().stderr.clone()).unwrap();
+    assert_eq!(words.lines().count(), 1, "{words}");
+    let note = format!("note: nobody was reached at {link}");
+    assert!(words.starts_with(&note), "{words}");
 }
 
 #[test]

@@ -205,7 +205,7 @@ fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failur
         Peer::elsewhere(open("--link", &arguments.link)?)
     };
     for address in &arguments.also {
-        peer = peer.beside(open("--also", address)?);
+        peer = peer.beside(&address.to_string(), open("--also", address)?);
     }
     if let Some(key) = key {
         peer = peer.signed_with(key);
@@ -301,6 +301,10 @@ impl Observer for Show {
 
     fn duty(&mut self, words: &str) {
         self.bar.suspend(|| eprintln!("warning: {words}"));
+    }
+
+    fn note(&mut self, words: &str) {
+        self.bar.suspend(|| eprintln!("note: {words}"));
     }
 
     fn wants_stop(&self) -> bool {

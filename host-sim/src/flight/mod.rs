@@ -99,6 +99,10 @@ pub trait Observer {
     fn duty(&mut self, words: &str) {
         let _ = words;
     }
+    /// Something that is good to know, now that the flight is over.
+    fn note(&mut self, words: &str) {
+        let _ = words;
+    }
     /// Whether to stop: the vehicle is then landed.
     fn wants_stop(&self) -> bool {
         false
@@ -163,6 +167,9 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
     let outcome = flight
         .run(&mut peer, observer)
         .and_then(|()| Ok(peer.finish()?));
+    for words in peer.unreached() {
+        observer.note(&words);
+    }
     let record = flight.record(scenario, settings);
     match outcome {
         Ok(()) => Ok(record),

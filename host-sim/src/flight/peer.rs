@@ -30,7 +30,8 @@ pub struct Peer {
     vessel: Vessel,
     /// To the vehicle and from it, where the link is a bad one.
     impaired: Option<(Channel, Channel)>,
-    beside: Vec<Beside>,
+    /// Who listens, and where: the link as `--also` says it.
+    beside: Vec<(String, Beside)>,
     key: Option<SigningKey>,
     set_parameters: bool,
     log: Option<TlogWriter<BufWriter<File>>>,
@@ -107,10 +108,23 @@ impl Peer {
     }
 
     /// A ground station listens beside: it hears what our client hears and says, and what it says
-    /// goes to the vehicle.
-    pub fn beside(mut self, link: Box<dyn Link>) -> Self {
-        self.beside.push(Beside::new(link));
+    /// goes to the vehicle. `name` is for the note where it was never reached.
+    pub fn beside(mut self, name: &str, link: Box<dyn Link>) -> Self {
+        self.beside.push((name.to_owned(), Beside::new(link)));
         self
+    }
+
+    /// In words, which ground stations beside were never reached.
+    pub(super) fn unreached(&self) -> impl Iterator<Item = String> + '_ {
+        self.beside.iter().filter_map(|(name, beside)| {
+            let reason = beside.unreached()?;
+            Some(match reason.strip_prefix(name.as_str()) {
+                _ if reason.is_empty() => format!("nobody was reached at {name}"),
+                // Links say where they are themselves.
+                Some(reason) => format!("nobody was reached at {name}{reason}"),
+                None => format!("nobody was reached at {name}: {reason}"),
+            })
+        })
     }
 
     /// Our client signs what it says and takes only what is signed with this key.
@@ -168,7 +182,7 @@ impl Peer {
                 self.vessel.deliver(now, &frame)?;
             }
         }
-        for beside in &self.beside {
+        for (_, beside) in &self.beside {
             while let Some(frame) = beside.take_said() {
                 if let Some(log) = &mut self.log {
                     log.record(now, &frame)?;
@@ -213,7 +227,7 @@ impl Peer {
 
     /// What passes is logged, and heard beside.
     fn pass(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
-        for beside in &self.beside {
+        for (_, beside) in &self.beside {
             beside.hear(frame);
         }
         match &mut self.log {

@@ -5,6 +5,7 @@
 //! vehicle judges it, and a pilot can take over from there. None of it reaches our client.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
@@ -24,6 +25,16 @@ const PAUSE: Duration = Duration::from_millis(200);
 pub struct Beside {
     heard: SyncSender<Vec<u8>>,
     said: Receiver<Vec<u8>>,
+    contact: Arc<Mutex<Contact>>,
+}
+
+/// Whether anybody was there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Contact {
+    /// A frame has gone, or something has come. (What UDP takes may still be heard by nobody.)
+    Made,
+    /// Nobody yet, and why, where that is known.
+    None { trouble: Option<String> },
 }
 
 impl Beside {
@@ -31,8 +42,25 @@ impl Beside {
     pub fn new(link: Box<dyn Link>) -> Self {
         let (heard, to_send) = sync_channel(QUEUE);
         let (came, said) = sync_channel(QUEUE);
-        thread::spawn(move || serve(link, &to_send, &came));
-        Self { heard, said }
+        let contact = Arc::new(Mutex::new(Contact::None { trouble: None }));
+        thread::spawn({
+            let contact = Arc::clone(&contact);
+            move || serve(link, &to_send, &came, &contact)
+        });
+        Self {
+            heard,
+            said,
+            contact,
+        }
+    }
+
+    /// Where nobody was ever reached: why, or an empty reason where that is not known.
+    pub fn unreached(&self) -> Option<String> {
+        let contact = self.contact.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*contact {
+            Contact::Made => None,
+            Contact::None { trouble } => Some(trouble.clone().unwrap_or_default()),
+        }
     }
 
     /// Lets it hear a frame.
@@ -47,25 +75,43 @@ impl Beside {
     }
 }
 
-fn serve(mut link: Box<dyn Link>, to_send: &Receiver<Vec<u8>>, came: &SyncSender<Vec<u8>>) {
+fn serve(
+    mut link: Box<dyn Link>,
+    to_send: &Receiver<Vec<u8>>,
+    came: &SyncSender<Vec<u8>>,
+    contact: &Mutex<Contact>,
+) {
+    let note = |made: bool, trouble: Option<String>| {
+        let mut contact = contact.lock().unwrap_or_else(PoisonError::into_inner);
+        if made {
+            *contact = Contact::Made;
+        } else if let Contact::None { trouble: known } = &mut *contact
+            && trouble.is_some()
+        {
+            *known = trouble;
+        }
+    };
     let mut decoder = Decoder::new();
     let mut piece = Vec::new();
     loop {
         loop {
             match to_send.try_recv() {
-                Ok(frame) => {
-                    if link.send(&frame).is_err() {
+                Ok(frame) => match link.send(&frame) {
+                    Ok(sent) => note(sent, link.trouble()),
+                    Err(error) => {
+                        note(false, Some(error.to_string()));
                         thread::sleep(PAUSE);
                     }
-                }
+                },
                 Err(std::sync::mpsc::TryRecvError::Empty) => break,
                 Err(std::sync::mpsc::TryRecvError::Disconnected) => return,
             }
         }
         match link.receive(&mut piece, LOOK) {
-            Ok(true) => {}
+            Ok(true) => note(true, None),
             Ok(false) => continue,
-            Err(_) => {
+            Err(error) => {
+                note(false, Some(error.to_string()));
                 thread::sleep(PAUSE);
                 continue;
             }
@@ -111,6 +157,49 @@ mod tests {
 
         fn is_datagram(&self) -> bool {
             false
+        }
+    }
+
+    /// A link to where nobody is, until it is `up`.
+    #[derive(Debug)]
+    struct Down {
+        up: bool,
+    }
+
+    impl Link for Down {
+        fn send(&mut self, _: &[u8]) -> io::Result<bool> {
+            Ok(self.up)
+        }
+
+        fn receive(&mut self, _: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
+            thread::sleep(timeout);
+            Ok(false)
+        }
+
+        fn is_datagram(&self) -> bool {
+            false
+        }
+
+        fn trouble(&self) -> Option<String> {
+            (!self.up).then(|| "nobody listens".into())
+        }
+    }
+
+    #[test]
+    fn whether_anybody_was_reached_is_known() {
+        for (up, expected) in [(true, None), (false, Some("nobody listens".to_owned()))] {
+            let beside = Beside::new(Box::new(Down { up }));
+            assert_eq!(
+                beside.unreached(),
+                Some(String::new()),
+                "nothing was said yet"
+            );
+            beside.hear(b"frame");
+            let begun = Instant::now();
+            while beside.unreached() != expected {
+                assert!(begun.elapsed() < Duration::from_secs(10), "{up}");
+                thread::sleep(Duration::from_millis(1));
+            }
         }
     }
 

@@ -216,6 +216,9 @@ pub fn fly(
     let outcome = flight
         .run(&mut peer, observer)
         .and_then(|()| Ok(peer.finish()?));
+    for words in peer.unreached() {
+        observer.note(&words);
+    }
     let record = FlightRecord {
         scenario: scenario.clone(),
         policy: settings.policy.clone(),
