@@ -2,7 +2,6 @@
 
 mod flight;
 
-use std::net::UdpSocket;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -12,7 +11,7 @@ use firmware_core::autopilot::mission::Ending;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::autopilot::wire::signing::SigningKey;
 use firmware_core::time::Duration;
-use flight::zigzag;
+use flight::{free_port, zigzag};
 use host_sim::doctor::{Diagnosis, examine};
 use host_sim::link::{LinkAddress, Port, Session, tlog};
 use host_sim::upload::{FailedUpload, Upload};
@@ -28,11 +27,7 @@ struct Process {
 
 impl Process {
     fn start(settings: VehicleSettings) -> Self {
-        let port = UdpSocket::bind("127.0.0.1:0")
-            .unwrap()
-            .local_addr()
-            .unwrap()
-            .port();
+        let port = free_port();
         let stop = Arc::new(AtomicBool::new(false));
         let listen: LinkAddress = format!("udpin:127.0.0.1:{port}").parse().unwrap();
         let thread = std::thread::spawn({
@@ -159,12 +154,12 @@ fn a_mission_is_uploaded_and_started_over_udp() {
             waypoints.len() + if profile == Profile::Px4 { 3 } else { 4 }
         );
         assert_eq!(last, items);
-        assert!(
-            client.is_armed() || {
-                session.turn(&mut client, |_, _, _| {}).unwrap();
-                true
-            }
-        );
+        // The start is confirmed before the heartbeat that says armed.
+        let deadline = std::time::Instant::now() + std::time::Duration::from_secs(20);
+        while !client.is_armed() && std::time::Instant::now() < deadline {
+            session.turn(&mut client, |_, _, _| {}).unwrap();
+        }
+        assert!(client.is_armed(), "{profile:?} did not start the mission");
         // Ctrl-C before it begins: nothing is left half done.
         let stop = AtomicBool::new(true);
         let (mut session, mut client) = process.visit(profile, None);

@@ -24,6 +24,12 @@ pub fn start() -> Position<f64> {
     Position::new(50.0, 80.0)
 }
 
+/// A UDP port that nobody listened on a moment ago: the vehicle takes it next.
+pub fn free_port() -> u16 {
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.local_addr().unwrap().port()
+}
+
 pub struct Flight {
     pub now: Instant,
     pub client: Autopilot<f64>,
