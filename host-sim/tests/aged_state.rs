@@ -66,11 +66,13 @@ fn fly(lost: f64, seed: u64) -> Row {
 #[test]
 fn lost_states_cost_rate_and_never_accuracy() {
     let rows = [0.0, 0.1, 0.3, 0.5, 0.9, 1.0].map(|lost| fly(lost, 41));
-    println!("| states lost | slots on aged state | oldest | without a promise | total rate |");
-    println!("|---|---|---|---|---|");
+    let mut table = String::from(
+        "| states lost | slots on aged state | oldest | without a promise | total rate |\n\
+         |---|---|---|---|---|\n",
+    );
     for row in &rows {
-        println!(
-            "| {:.0} % | {} | {} slots | {} | {:.1} % |",
+        table += &format!(
+            "| {:.0} % | {} | {} slots | {} | {:.1} % |\n",
             row.lost * 100.0,
             row.aged,
             row.oldest,
@@ -78,6 +80,12 @@ fn lost_states_cost_rate_and_never_accuracy() {
             100.0 * row.sum_rate / rows[0].sum_rate
         );
     }
+    println!("{table}");
+    let page = include_str!("../../docs/link-protocol.md");
+    assert!(
+        page.contains(&table),
+        "docs/link-protocol.md has another table than\n{table}"
+    );
     let share = |index: usize| rows[index].sum_rate / rows[0].sum_rate;
     assert_eq!((rows[0].aged, rows[0].silent), (0, 0));
     // A state lost now and then costs little; all of them lost costs nearly everything.
