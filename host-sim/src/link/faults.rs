@@ -297,13 +297,14 @@ impl<T: Scalar> FaultyLink<T> {
         let mut random = Pcg64Mcg::seed_from_u64(self.seed ^ (u64::from(state.slot) << 20));
         let mut each = |gains: &mut [PowerGain<T>], share: f64, value: &dyn Fn(usize) -> f64| {
             for gain in gains {
-                let kind = random.random_range(0..3);
+                let kind = random.random_range(0..4);
                 if random.random_bool(share) {
                     *gain = PowerGain(T::of(value(kind)));
                 }
             }
         };
-        let no_gain = |kind: usize| [f64::NAN, f64::INFINITY, -1e-11][kind];
+        // Above 1 more power would arrive than was sent.
+        let no_gain = |kind: usize| [f64::NAN, f64::INFINITY, -1e-11, 1.5][kind];
         match fault {
             Fault::OtherSlot(by) => state.slot = state.slot.saturating_add_signed(by.into()),
             Fault::TooFew(Node::User) => drop(state.user_gains.pop()),

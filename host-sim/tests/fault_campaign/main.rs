@@ -303,9 +303,10 @@ impl Campaign {
         let counters = &mut self.expected.slots;
         let (mut rejected, mut unheard) = (0, command.unheard_sensors);
         if let Some(state) = &state {
-            let invalid = |gains: &[PowerGain<f64>]| gains.iter().filter(|g| !g.is_valid()).count();
+            let invalid =
+                |gains: &[PowerGain<f64>]| gains.iter().filter(|g| !g.is_passive()).count();
             rejected = (invalid(&state.user_gains) + invalid(&state.sensor_gains)) as u16;
-            let heard = |gain: &PowerGain<f64>| gain.is_valid() && gain.0 > 0.0;
+            let heard = |gain: &PowerGain<f64>| gain.is_passive() && gain.0 > 0.0;
             unheard = state
                 .sensor_gains
                 .iter()

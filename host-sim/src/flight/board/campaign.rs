@@ -213,10 +213,11 @@ impl Campaign {
         )?;
         let (mut rejected, mut unheard) = (0, command.unheard_sensors);
         if let Some(state) = &state {
-            let invalid = |gains: &[PowerGain<f32>]| gains.iter().filter(|g| !g.is_valid()).count();
+            let invalid =
+                |gains: &[PowerGain<f32>]| gains.iter().filter(|g| !g.is_passive()).count();
             rejected = (invalid(&state.user_gains) + invalid(&state.sensor_gains)) as u16;
             let usable = |gain: &PowerGain<f32>| {
-                PowerGain(if gain.is_valid() {
+                PowerGain(if gain.is_passive() {
                     f64::from(gain.0)
                 } else {
                     0.0
@@ -396,7 +397,7 @@ fn kind(fault: &Fault) -> &'static str {
         Fault::OtherSlot(_) => "injected: states of another slot",
         Fault::TooFew(_) => "injected: states with too few gains",
         Fault::Late => "injected: states too late",
-        Fault::NoGain(_) => "injected: NaN, infinite, negative gains",
+        Fault::NoGain(_) => "injected: NaN, infinite, negative gains, gains above 1",
         Fault::SensorsVanish(_) => "injected: sensors vanish",
         Fault::UsersVanish(_) => "injected: users vanish",
     }
