@@ -76,7 +76,7 @@ pub struct SlotCounters {
     pub nobody_served: u32,
     /// Sensors that were not heard, summed over the slots.
     pub unheard_sensors: u32,
-    /// Gains that were NaN, infinite or negative, summed over the slots.
+    /// Gains that were NaN, infinite, negative or above 1, summed over the slots.
     pub rejected_gains: u32,
     /// Channel states that were about another slot, came twice or came too late.
     pub states_out_of_turn: u32,

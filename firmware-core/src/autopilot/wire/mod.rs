@@ -21,6 +21,7 @@ use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message, calculate_crc};
 use serde::{Deserialize, Serialize};
 
+use crate::link::status::count;
 pub use encoder::{Encoder, FrameBuffer};
 use signing::{Verdict, Verifier};
 
@@ -49,7 +50,7 @@ pub struct Address {
     pub component: u8,
 }
 
-/// What went by, for the log and for judging a link.
+/// What went by, for the log and for judging a link. Counters stay at their largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counters {
     /// Frames whose checksum was right.
@@ -76,7 +77,9 @@ pub struct Counters {
 impl Counters {
     /// Good frames that were refused for their signature, or for having none.
     pub fn refused(&self) -> u32 {
-        self.unsigned + self.bad_signature + self.replayed
+        [self.unsigned, self.bad_signature, self.replayed]
+            .into_iter()
+            .fold(0, u32::saturating_add)
     }
 }
 
@@ -289,7 +292,7 @@ impl Decoder {
             self.discard_spent();
             match self.candidate() {
                 Candidate::Frame(length) => {
-                    self.counters.frames = self.counters.frames.wrapping_add(1);
+                    count(&mut self.counters.frames);
                     self.spent = length;
                     return Some(Frame {
                         bytes: &self.buffer[..length],
@@ -320,7 +323,7 @@ impl Decoder {
             }
             match self.candidate() {
                 Candidate::Frame(length) => {
-                    self.counters.frames = self.counters.frames.wrapping_add(1);
+                    count(&mut self.counters.frames);
                     self.spent = length;
                     return Some(Frame {
                         bytes: &self.buffer[..length],
@@ -328,7 +331,7 @@ impl Decoder {
                 }
                 Candidate::Drop(count) => self.spent = count,
                 Candidate::Incomplete => {
-                    self.counters.skipped_bytes = self.counters.skipped_bytes.wrapping_add(1);
+                    count(&mut self.counters.skipped_bytes);
                     self.spent = 1;
                 }
             }
@@ -350,7 +353,7 @@ impl Decoder {
         }
         if held[0] != START {
             let noise = held.iter().position(|&b| b == START).unwrap_or(held.len());
-            self.counters.skipped_bytes = self.counters.skipped_bytes.wrapping_add(noise as u32);
+            self.counters.skipped_bytes = self.counters.skipped_bytes.saturating_add(noise as u32);
             return Candidate::Drop(noise);
         }
         if held.len() < HEADER {
@@ -358,7 +361,7 @@ impl Decoder {
         }
         let flags = held[2];
         if flags & !SIGNED != 0 {
-            self.counters.unknown_flags = self.counters.unknown_flags.wrapping_add(1);
+            count(&mut self.counters.unknown_flags);
             return Candidate::Drop(1);
         }
         let unsigned = HEADER + usize::from(held[1]) + CHECKSUM;
@@ -368,7 +371,7 @@ impl Decoder {
         }
         let Some(seed) = checksum_seed(message_id(held)) else {
             // Autopilots send many messages of their own dialects: step over the whole of it.
-            self.counters.unknown_message = self.counters.unknown_message.wrapping_add(1);
+            count(&mut self.counters.unknown_message);
             return Candidate::Drop(whole);
         };
         let checksum = u16::from_le_bytes([held[unsigned - 2], held[unsigned - 1]]);
@@ -384,20 +387,20 @@ impl Decoder {
                     Verdict::Replayed => Some(&mut self.counters.replayed),
                 };
                 if let Some(counter) = refused {
-                    *counter = counter.wrapping_add(1);
+                    count(counter);
                     return Candidate::Drop(whole);
                 }
             }
             if let Some(newest) = &mut self.newest
                 && newest.is_late(frame.sender(), frame.sequence())
             {
-                self.counters.out_of_order = self.counters.out_of_order.wrapping_add(1);
+                count(&mut self.counters.out_of_order);
                 return Candidate::Drop(whole);
             }
             Candidate::Frame(whole)
         } else {
             // The start byte may have been payload: look for the next one inside.
-            self.counters.bad_checksum = self.counters.bad_checksum.wrapping_add(1);
+            count(&mut self.counters.bad_checksum);
             Candidate::Drop(1)
         }
     }

@@ -1,6 +1,6 @@
 //! Frames against noise, cutting, damage and other dialects.
 
-use std::vec::Vec;
+use std::{vec, vec::Vec};
 
 use mavlink::dialects::common::{
     HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavModeFlag, MavState, MavType,
@@ -182,6 +182,42 @@ fn a_signature_has_the_bytes_of_the_standard() {
     let (_, tail) = frame.split_at(frame.len() - SIGNATURE);
     assert_eq!(tail[..7], [7, 0x87, 0xD6, 0x12, 0, 0, 0]);
     assert_eq!(tail[7..], [139, 119, 113, 148, 14, 54]);
+}
+
+/// Counters stay at their largest value, as those of the ground link do: 0 always means none.
+#[test]
+fn counters_do_not_wrap() {
+    let mut decoder = Decoder::in_order();
+    let largest = Counters {
+        frames: u32::MAX,
+        bad_checksum: u32::MAX,
+        unknown_message: u32::MAX,
+        unknown_flags: u32::MAX,
+        skipped_bytes: u32::MAX - 1,
+        out_of_order: u32::MAX,
+        unsigned: u32::MAX,
+        bad_signature: u32::MAX,
+        replayed: u32::MAX,
+    };
+    decoder.counters = largest;
+    let mut buffer = [0; MAX_FRAME];
+    let frame = Encoder::new(OWN).encode(&heartbeat(), &mut buffer).to_vec();
+    let mut damaged = frame.clone();
+    damaged[12] ^= 1;
+    let mut foreign = frame.clone();
+    foreign[7..10].fill(0xEE);
+    let mut flagged = frame.clone();
+    flagged[2] = 0x80;
+    for bytes in [&frame, &frame, &damaged, &foreign, &flagged, &vec![7; 9]] {
+        decode(&mut decoder, bytes);
+        while decoder.end_of_datagram().is_some() {}
+    }
+    let expected = Counters {
+        skipped_bytes: u32::MAX,
+        ..largest
+    };
+    assert_eq!(decoder.counters(), expected);
+    assert_eq!(expected.refused(), u32::MAX);
 }
 
 proptest! {
