@@ -223,4 +223,14 @@ fn plans_that_mean_nothing_are_refused_before_a_byte_is_sent() {
         new(&[Position::origin(), nan]),
         Err(PlanError::NotFinite(1))
     );
+    let places = [Position::origin()];
+    for value in [-50.0, 0.0, f64::INFINITY] {
+        let sound = plan(Profile::Ideal, &places);
+        let (mut low, mut slow) = (sound, sound);
+        (low.altitude_m, slow.speed_mps) = (value, value);
+        for (plan, name) in [(low, "altitude_m"), (slow, "speed_mps")] {
+            let refused = MissionUpload::new(plan, VEHICLE, OWN, false).map(|_| ());
+            assert_eq!(refused, Err(PlanError::NotPositive { name, value }));
+        }
+    }
 }

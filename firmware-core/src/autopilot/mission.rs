@@ -54,7 +54,7 @@ pub struct MissionPlan<'a, T: Scalar> {
 }
 
 /// A plan that cannot be uploaded.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum PlanError {
     /// Nothing to fly.
     #[error("the mission has no way-points")]
@@ -62,9 +62,17 @@ pub enum PlanError {
     /// More than the protocol can number.
     #[error("the mission has {0} way-points; at most 65 000 can be uploaded")]
     TooLong(usize),
-    /// A way-point, the altitude or the speed is not a finite number above zero.
-    #[error("way-point {0}, the altitude or the speed is not finite")]
+    /// A way-point has a coordinate that is not finite.
+    #[error("way-point {0} is not finite")]
     NotFinite(usize),
+    /// The altitude or the speed is not finite, or not above zero.
+    #[error("{name} is {value}; it must be a number above 0")]
+    NotPositive {
+        /// Which of the two.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
 }
 
 const LONGEST: usize = 65_000;
@@ -77,8 +85,16 @@ impl<T: Scalar> MissionPlan<'_, T> {
         if self.waypoints.len() > LONGEST {
             return Err(PlanError::TooLong(self.waypoints.len()));
         }
-        let good = self.altitude_m.finite() && self.speed_mps.finite();
-        let bad = |p: &Position<T>| !(good && p.x.finite() && p.y.finite());
+        for (name, number) in [
+            ("altitude_m", self.altitude_m),
+            ("speed_mps", self.speed_mps),
+        ] {
+            if !(number.finite() && number > T::zero()) {
+                let value = number.to_f64();
+                return Err(PlanError::NotPositive { name, value });
+            }
+        }
+        let bad = |p: &Position<T>| !(p.x.finite() && p.y.finite());
         match self.waypoints.iter().position(bad) {
             Some(index) => Err(PlanError::NotFinite(index)),
             None => Ok(()),
