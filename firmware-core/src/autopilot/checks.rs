@@ -55,7 +55,7 @@ const fn rule(name: &'static str, bears: Bears) -> Rule {
     }
 }
 
-static ARDUCOPTER: [Rule; 8] = [
+static ARDUCOPTER: [Rule; 9] = [
     rule("WPNAV_SPEED", Bears::Speed(100.0)),
     Rule {
         name: "WP_SPD",
@@ -69,6 +69,11 @@ static ARDUCOPTER: [Rule; 8] = [
         bears: Bears::Acceleration(1.0),
     },
     rule("ANGLE_MAX", Bears::Lean(100.0)),
+    Rule {
+        name: "ATC_ANGLE_MAX",
+        instead_of: Some("ANGLE_MAX"),
+        bears: Bears::Lean(1.0),
+    },
     rule(
         "FS_GCS_ENABLE",
         Bears::Note {
@@ -674,25 +679,26 @@ mod tests {
                 let request = reader.request(now, to, &NEEDS, &mut limits, |_| {});
                 if let Some(MavMessage::PARAM_REQUEST_READ(request)) = request {
                     let name = request.param_id.to_str().unwrap().to_string();
-                    let exists = old_exists != name.starts_with("WP_");
+                    let newer = name.starts_with("WP_") || name == "ATC_ANGLE_MAX";
+                    let older = name.starts_with("WPNAV_") || name == "ANGLE_MAX";
+                    let exists = !(newer && old_exists || older && !old_exists);
                     let answer = PARAM_VALUE_DATA {
                         param_id: request.param_id,
                         param_value: 1.0,
                         ..PARAM_VALUE_DATA::DEFAULT
                     };
                     asked.push(name);
-                    if exists || !asked.last().unwrap().starts_with("WP") {
+                    if exists {
                         reader.take(to.1, &answer, &NEEDS, &mut limits, false);
                     }
                 }
                 now += Duration::from_millis(100);
             }
-            assert_eq!(
-                asked.iter().any(|n| n == "WP_SPD"),
-                !old_exists,
-                "{asked:?}"
-            );
-            assert_eq!(asked.iter().filter(|n| *n == "ANGLE_MAX").count(), 1);
+            for newer in ["WP_SPD", "WP_ACC", "ATC_ANGLE_MAX"] {
+                let asks = asked.iter().any(|name| name == newer);
+                assert_eq!(asks, !old_exists, "{newer}: {asked:?}");
+            }
+            assert_eq!(asked.iter().filter(|n| *n == "GUID_TIMEOUT").count(), 1);
         }
     }
 }
