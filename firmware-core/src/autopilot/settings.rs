@@ -121,6 +121,14 @@ pub enum SettingsError {
         /// North, m.
         y: f64,
     },
+    /// A margin that is not finite, or below zero.
+    #[error("{name} is {value}; it must be a number, 0 or above")]
+    Negative {
+        /// Which setting.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
     /// The flight altitude is above the fence's ceiling.
     #[error("altitude_m is {altitude_m}; the geofence ends at {ceiling_m} m")]
     AboveCeiling {
@@ -170,12 +178,20 @@ impl<T: Scalar> Settings<T> {
             ("climb_speed_mps", self.climb_speed_mps),
             ("arrival_radius_m", self.arrival_radius_m),
             ("lag_tolerance_m", self.lag_tolerance_m),
+            ("watch.jump_m", self.watch.jump_m),
         ];
         for (name, value) in positive {
             if !(value.finite() && value > T::zero()) {
                 let value = value.to_f64();
                 return Err(SettingsError::NotPositive { name, value });
             }
+        }
+        let margin_m = self.watch.fence_margin_m;
+        if !(margin_m.finite() && margin_m >= T::zero()) {
+            return Err(SettingsError::Negative {
+                name: "watch.fence_margin_m",
+                value: margin_m.to_f64(),
+            });
         }
         let micros = self.setpoint_interval.micros();
         if !(50_000..=200_000).contains(&micros) {
@@ -192,14 +208,70 @@ impl<T: Scalar> Settings<T> {
         if !(finite && inside) {
             return Err(SettingsError::StartOutsideFence { x, y });
         }
-        if let Some(fence) = self.geofence
-            && fence.ceiling_m < self.altitude_m
-        {
+        // Asked this way round, a ceiling that is no number is refused: nothing is above it.
+        let reaches = |fence: &Geofence<T>| fence.ceiling_m >= self.altitude_m;
+        if let Some(fence) = self.geofence.as_ref().filter(|fence| !reaches(fence)) {
             return Err(SettingsError::AboveCeiling {
                 altitude_m: self.altitude_m.to_f64(),
                 ceiling_m: fence.ceiling_m.to_f64(),
             });
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> Settings<f64> {
+        let origin = Geodetic {
+            latitude_e7: 0,
+            longitude_e7: 0,
+        };
+        let corner = Position::new(100.0, 100.0);
+        Settings {
+            geofence: Some(Geofence {
+                low: -corner,
+                high: corner,
+                ceiling_m: 110.0,
+            }),
+            ..Settings::new(origin, Position::origin(), 100.0, 30.0)
+        }
+    }
+
+    /// A comparison with NaN is false: what is not checked for it is switched off by it.
+    #[test]
+    fn what_is_no_number_is_refused() {
+        assert_eq!(settings().check(), Ok(()));
+        for value in [f64::NAN, 99.0, f64::NEG_INFINITY] {
+            let mut low = settings();
+            if let Some(fence) = &mut low.geofence {
+                fence.ceiling_m = value;
+            }
+            let refused = low.check();
+            let above = matches!(refused, Err(SettingsError::AboveCeiling { .. }));
+            assert!(above, "{value}: {refused:?}");
+        }
+        for value in [f64::NAN, 0.0, -1.0, f64::INFINITY] {
+            let mut jump = settings();
+            jump.watch.jump_m = value;
+            let refused = jump.check();
+            let named = matches!(
+                refused,
+                Err(SettingsError::NotPositive {
+                    name: "watch.jump_m",
+                    ..
+                })
+            );
+            assert!(named, "{value}: {refused:?}");
+        }
+        for value in [f64::NAN, -1.0, f64::INFINITY] {
+            let mut margin = settings();
+            margin.watch.fence_margin_m = value;
+            let refused = margin.check();
+            let named = matches!(refused, Err(SettingsError::Negative { .. }));
+            assert!(named, "{value}: {refused:?}");
+        }
     }
 }
