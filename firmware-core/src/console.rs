@@ -265,9 +265,39 @@ pub enum Refusal {
     /// It cannot be flown so.
     #[error(transparent)]
     Flight(#[from] SettingsError),
+    /// The board's watchdog cannot wait for one of its slots.
+    #[error("slots of {slot_s} s: the board's watchdog can wait for slots of at most {most_s} s")]
+    SlotTooLong {
+        /// `delta`, seconds.
+        slot_s: f32,
+        /// The longest that can be flown, seconds.
+        most_s: f64,
+    },
+}
+
+/// What a slot may take beyond twice its duration before a watchdog stops the board: channel state
+/// that is late, samples that are late, and a bench that is slow.
+const SLOT_MARGIN: Duration = Duration::from_secs(20);
+
+/// How long a board's watchdog waits for a slot of so many seconds.
+pub fn slot_patience(slot_duration_s: f32) -> Duration {
+    Duration::from_secs_f64(2.0 * f64::from(slot_duration_s)) + SLOT_MARGIN
 }
 
 impl Order {
+    /// Whether a watchdog that can be told to wait `longest` can wait for a slot.
+    ///
+    /// # Errors
+    /// It cannot: it would stop the board in a slot that is flown as it should be.
+    pub fn check_watchdog(&self, longest: Duration) -> Result<(), Refusal> {
+        let slot_s = self.mission.slot_duration_s;
+        if slot_patience(slot_s) <= longest {
+            return Ok(());
+        }
+        let most_s = longest.saturating_sub(SLOT_MARGIN).as_secs_f64() / 2.0;
+        Err(Refusal::SlotTooLong { slot_s, most_s })
+    }
+
     /// The onboard computer that flies this order; `trained` is the policy at hand.
     ///
     /// # Errors
@@ -383,6 +413,23 @@ mod tests {
         let mut calls = Calls::default();
         let got: std::vec::Vec<_> = frame.iter().filter_map(|&b| calls.push(b)).collect();
         assert_eq!(got, [Ok(Call::Order(order))]);
+    }
+
+    /// A slot that a watchdog cannot wait for is refused, not flown until the watchdog bites.
+    #[test]
+    fn a_watchdog_waits_for_every_slot_that_is_flown() {
+        let longest = Duration::from_secs(171);
+        let mut order = order();
+        for (slot_s, flown) in [(1.0, true), (75.5, true), (75.6, false), (200.0, false)] {
+            order.mission.slot_duration_s = slot_s;
+            let outcome = order.check_watchdog(longest);
+            assert_eq!(outcome.is_ok(), flown, "{slot_s}: {outcome:?}");
+            if let Err(why) = outcome {
+                assert!(words(&why).contains("at most 75.5 s"), "{why}");
+            } else {
+                assert!(slot_patience(slot_s) >= Duration::from_secs_f64(2.0 * f64::from(slot_s)));
+            }
+        }
     }
 
     #[test]

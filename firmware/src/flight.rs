@@ -17,17 +17,13 @@ use firmware_core::{
     link::FRAME_MAX,
     onboard::{Activity, Probe, Stage},
     policy::mlp::Mlp,
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 use crate::board::{Board, Line};
 
 /// The computer of this image: its policy lies in flash.
 pub type Computer = BoardComputer<&'static [u8]>;
-
-/// What a slot may take beyond twice its duration before the watchdog stops the image: channel
-/// state that is late, samples that are late, and a bench that is slow.
-const SLOT_MARGIN: Duration = Duration::from_secs(20);
 
 /// Bytes taken from a line at a time.
 const PIECE: usize = 64;
@@ -91,6 +87,7 @@ fn commission<B: Board>(
     trained: &Mlp<&'static [u8]>,
     place: &mut Option<Computer>,
 ) -> Result<(), Refusal> {
+    order.check_watchdog(B::LONGEST_WATCH)?;
     let computer = place.insert(order.commission(Some(trained))?);
     let now = match order.clock {
         Clock::Board => board.now(),
@@ -281,8 +278,8 @@ impl Flight {
         let done = controller.slots_done();
         if self.fed_at != Some(done) {
             self.fed_at = Some(done);
-            let slot_s = f64::from(controller.mission().parameters().slot_duration_s);
-            board.watch(Some(Duration::from_secs_f64(2.0 * slot_s) + SLOT_MARGIN));
+            let slot_s = controller.mission().parameters().slot_duration_s;
+            board.watch(Some(console::slot_patience(slot_s)));
         }
     }
 }

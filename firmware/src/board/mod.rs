@@ -37,6 +37,9 @@ pub trait Board {
     /// What a step of [`cycles`](Self::cycles) is worth, nanoseconds.
     const NANOS_PER_CYCLE: u32;
 
+    /// The longest that [`watch`](Self::watch) can be told; a mission with longer slots is refused.
+    const LONGEST_WATCH: Duration;
+
     /// The controller is given so long until it says so again; after that the board stops it.
     /// `None`: as long as it likes.
     fn watch(&mut self, patience: Option<Duration>);
@@ -50,6 +53,7 @@ pub trait Board {
     /// Bytes that came and had no room, and frames that had none.
     fn losses(&self) -> (u32, u32);
 
-    /// Says why, on the console, and stops for good: the vehicle is left to its own failsafe.
+    /// Sends what is queued, says why on the console, and stops for good: the vehicle is left to
+    /// its own failsafe.
     fn halt(&mut self, why: &dyn core::fmt::Display) -> !;
 }

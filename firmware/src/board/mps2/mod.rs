@@ -89,6 +89,8 @@ impl Mps2 {
 
 impl Board for Mps2 {
     const NANOS_PER_CYCLE: u32 = 1_000_000_000 / CLOCK_HZ;
+    // The watchdog counts 2^32 - 1 cycles at most.
+    const LONGEST_WATCH: Duration = Duration::from_secs((u32::MAX / CLOCK_HZ) as u64);
 
     fn receive(&mut self, line: Line, buffer: &mut [u8]) -> usize {
         Self::line(line).take(buffer)
@@ -112,7 +114,8 @@ impl Board for Mps2 {
     fn watch(&mut self, patience: Option<Duration>) {
         match patience {
             Some(patience) => {
-                let cycles = patience.micros() * u64::from(CLOCK_HZ / 1_000_000);
+                let micros = patience.min(Self::LONGEST_WATCH).micros();
+                let cycles = micros * u64::from(CLOCK_HZ / 1_000_000);
                 self.watchdog
                     .feed(u32::try_from(cycles).unwrap_or(u32::MAX));
             }
@@ -150,6 +153,11 @@ impl Board for Mps2 {
 
     fn halt(&mut self, why: &dyn Display) -> ! {
         self.watchdog.stop();
+        // What was queued before is still to be heard: a STATUSTEXT may say why, too. Without
+        // interrupts nothing would send it. (Not after a panic, which may hold a queue.)
+        for line in LINES {
+            line.drain();
+        }
         last_words(&why)
     }
 }

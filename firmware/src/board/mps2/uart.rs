@@ -146,6 +146,15 @@ impl Uart {
         self.with(|queues| (queues.lost_bytes, queues.unsent_frames))
     }
 
+    /// Sends all that is queued, waiting for each byte: 11 ms at most.
+    pub(super) fn drain(&self) {
+        self.with(|queues| {
+            while let Some(byte) = queues.to_send.pop_front() {
+                self.write_by_hand(&[byte]);
+            }
+        });
+    }
+
     /// Without interrupts, waiting for each byte: for last words.
     pub(super) fn write_by_hand(&self, bytes: &[u8]) {
         for &byte in bytes {
