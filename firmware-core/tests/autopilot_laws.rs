@@ -124,6 +124,13 @@ struct Model {
     told_armed: bool,
     position: (f32, f32),
     altitude: f32,
+    /// Where it stood before take-off, and how far a take-off takes it up from there.
+    stood: f32,
+    rises: f32,
+    /// The least and the most altitude that was told before take-off: the ground is in between.
+    ground: (f32, f32),
+    /// When a position was last told.
+    placed: Option<Instant>,
     faulted: bool,
     released: bool,
     launched: bool,
@@ -160,6 +167,10 @@ impl Model {
             told_armed: false,
             position: (20.0, 10.0),
             altitude: 0.0,
+            stood: 0.0,
+            rises: 100.0,
+            ground: (f32::INFINITY, f32::NEG_INFINITY),
+            placed: None,
             faulted: false,
             released: false,
             launched: false,
@@ -215,6 +226,14 @@ impl Model {
     fn tell_position(&mut self, late: u32) {
         let (x, y) = self.position;
         let z = -self.altitude;
+        if x.is_finite() && y.is_finite() {
+            self.placed = Some(self.now);
+        }
+        if !self.client.phase().is_flying() && self.client.phase() != Phase::TakingOff {
+            self.stood = self.altitude;
+            let (low, high) = self.ground;
+            self.ground = (low.min(self.altitude), high.max(self.altitude));
+        }
         let time_boot_ms = self.now.millis_wrapping().saturating_sub(late);
         let message = LOCAL_POSITION_NED_DATA {
             time_boot_ms,
@@ -282,7 +301,7 @@ impl Model {
                     MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
                         self.armed = self.client.phase() != Phase::Disarming;
                     }
-                    MavCmd::MAV_CMD_NAV_TAKEOFF => self.altitude = 100.0,
+                    MavCmd::MAV_CMD_NAV_TAKEOFF => self.altitude = self.stood + self.rises,
                     MavCmd::MAV_CMD_NAV_LAND => self.mode = Some(firmware.land_mode().0),
                     _ => {}
                 }
@@ -297,7 +316,7 @@ impl Model {
             }
             let phase = self.client.phase();
             if phase == Phase::TakingOff && self.firmware == Firmware::Px4 {
-                self.altitude = 100.0;
+                self.altitude = self.stood + self.rises;
             }
             self.tell_position(0);
         }
@@ -447,7 +466,8 @@ impl Model {
                 assert!(numbers.iter().all(|n| n.is_finite()), "{s:?}");
                 let place = Position::new(f64::from(s.y), f64::from(s.x));
                 assert!(fence().contains(&place, -1e-3), "{s:?}");
-                assert!(-s.z <= 110.0);
+                let (low, high) = self.ground;
+                assert!((low - 1e-3..=high + 100.001).contains(&-s.z), "{s:?}");
                 self.judge_setpoint(phase);
             }
             MavMessage::SET_POSITION_TARGET_GLOBAL_INT(s) => {
@@ -490,6 +510,11 @@ impl Model {
             self.mode
         );
         self.was_in_control |= in_control;
+        let known = self.placed.is_some_and(|placed| {
+            self.now - placed
+                <= firmware_core::autopilot::failsafe::Watch::<f64>::default().position
+        });
+        assert!(known, "setpoint without a position, {phase:?}");
     }
 }
 
@@ -559,6 +584,78 @@ fn the_laws_hold_for_any_order_of_things() {
         println!("{phase}: {times}");
         assert!(times >= 30, "{phase} was reached {times} times");
     }
+}
+
+/// The local frame of the autopilot may begin above or below the place of take-off: heights that
+/// are commanded and heights that are judged count from that place all the same.
+#[test]
+fn heights_count_from_the_place_of_take_off() {
+    for firmware in [Firmware::Generic, Firmware::ArduCopter, Firmware::Px4] {
+        for ground in [-3.0_f32, 1.5, 40.0] {
+            let mut model = Model::new(firmware, Coordinates::Local, false);
+            model.altitude = ground;
+            model.act(&Action::Heartbeat {
+                mode: 4,
+                armed: false,
+            });
+            model.act(&Action::Launch);
+            // Not high enough yet.
+            model.rises = 97.0;
+            model.act(&Action::Cooperate(60));
+            let phase = model.client.phase();
+            assert_eq!(phase, Phase::TakingOff, "{firmware:?} {ground}");
+            model.rises = 100.0;
+            model.altitude = ground + 100.0;
+            model.act(&Action::Cooperate(20));
+            let phase = model.client.phase();
+            assert_eq!(phase, Phase::Ready, "{firmware:?} {ground}");
+            // A setpoint below the ground or more than 100 m above it breaks a law of the model.
+            assert!(model.was_in_control);
+            assert_eq!(model.client.fault(), None);
+        }
+    }
+}
+
+/// Both links fall silent in flight; when the autopilot is heard again, where the vehicle is is
+/// not known yet, and the landing is asked for without setpoints.
+#[test]
+fn a_heartbeat_alone_does_not_bring_the_setpoints_back() {
+    for firmware in [Firmware::Generic, Firmware::ArduCopter, Firmware::Px4] {
+        let mut model = Model::new(firmware, Coordinates::Local, false);
+        model.start(60);
+        assert_eq!(model.client.phase(), Phase::Ready);
+        // Heartbeats are missed after 5 s; a position was told just before.
+        for _ in 0..49 {
+            model.act(&Action::Wait(100));
+            model.tell_position(0);
+        }
+        model.act(&Action::Wait(1_400));
+        assert!(model.faulted, "{firmware:?}");
+        model.act(&Action::Wait(6_000));
+        model.act(&Action::Heartbeat {
+            mode: 0,
+            armed: true,
+        });
+        for _ in 0..20 {
+            model.act(&Action::Wait(100));
+        }
+        assert_eq!(model.client.phase(), Phase::Landing, "{firmware:?}");
+        // Known again, the reference comes to rest until the landing is accepted.
+        model.was_in_control = false;
+        model.tell_position(0);
+        model.act(&Action::Wait(200));
+        assert!(model.was_in_control, "{firmware:?}");
+    }
+}
+
+/// Found by the histories once: stopped before it was launched.
+#[test]
+fn a_stop_before_the_launch_breaks_no_law() {
+    let mut model = Model::new(Firmware::Generic, Coordinates::Local, false);
+    for action in [Action::Stop, Action::Launch, Action::Cooperate(3)] {
+        model.act(&action);
+    }
+    assert_eq!(model.client.phase(), Phase::Failed);
 }
 
 /// The model can see something: with a cooperative autopilot a flight goes all the way.

@@ -257,6 +257,9 @@ pub struct Autopilot<T: Scalar> {
     asked: Option<(Instant, bool)>,
     /// The vehicle has been in the air.
     flown: bool,
+    /// Height of the place of take-off over the origin of the autopilot's local frame, which may
+    /// lie elsewhere: where the estimator started, for one.
+    ground_m: T,
     /// The mode we set and that a heartbeat has shown.
     holds: Option<Mode>,
     /// Modes that are ours while landing.
@@ -292,6 +295,7 @@ impl<T: Scalar> Autopilot<T> {
             launch: false,
             asked: None,
             flown: false,
+            ground_m: T::zero(),
             holds: None,
             landing_by: None,
             stream: None,

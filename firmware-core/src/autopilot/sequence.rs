@@ -103,6 +103,7 @@ impl<T: Scalar> Autopilot<T> {
             Phase::Arming => {
                 if self.telemetry.armed {
                     self.pending = None;
+                    self.note_ground();
                     self.enter(now, Phase::TakingOff);
                 } else {
                     self.ask(now, Request::Arm);
@@ -207,7 +208,10 @@ impl<T: Scalar> Autopilot<T> {
                 self.enter(now, Phase::Standby);
             }
             (Phase::Standby, Some(_)) => self.enter(now, Phase::Checking),
-            (Phase::Standby, None) if self.launch => self.enter(now, Phase::TakingControl),
+            (Phase::Standby, None) if self.launch => {
+                self.note_ground();
+                self.enter(now, Phase::TakingControl);
+            }
             _ => {}
         }
     }
@@ -216,9 +220,7 @@ impl<T: Scalar> Autopilot<T> {
         let telemetry = &self.telemetry;
         if telemetry.armed {
             Some(Obstacle::AlreadyArmed)
-        } else if telemetry.sample.is_none()
-            || now - telemetry.sample_came > self.settings.watch.position
-        {
+        } else if !self.knows_position(now) {
             Some(Obstacle::NoPosition)
         } else if !telemetry.has_absolute_position() {
             Some(Obstacle::NoEstimate)
@@ -231,19 +233,31 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
+    /// The vehicle stands on the ground: heights count from here.
+    fn note_ground(&mut self) {
+        if let Some(sample) = self.telemetry.sample {
+            self.ground_m = sample.altitude_m;
+        }
+    }
+
+    /// How high a sample is above the place of take-off, m.
+    fn height_m(&self, sample: &Sample<T>) -> T {
+        sample.altitude_m - self.ground_m
+    }
+
     /// Streams a setpoint that stays where the vehicle is.
     fn hold_here(&mut self, now: Instant, on_ground: bool) {
         let Some(sample) = self.telemetry.sample else {
             return;
         };
-        let place = sample.position;
+        let (place, height_m) = (sample.position, self.height_m(&sample));
         let interval = self.settings.setpoint_interval;
         self.stream = Some(Stream {
             guide: Guide::new(now, place, self.limits, interval / 2),
             due: now,
             last: super::Motion::at_rest(place),
             // Until the climb begins, it has begun in the far future.
-            climb: on_ground.then_some((Instant::from_micros(u64::MAX), sample.altitude_m)),
+            climb: on_ground.then_some((Instant::from_micros(u64::MAX), height_m)),
         });
     }
 
@@ -251,11 +265,11 @@ impl<T: Scalar> Autopilot<T> {
         let Some(sample) = self.telemetry.sample else {
             return;
         };
-        let target = self.settings.altitude_m;
-        if sample.altitude_m.to_f64() > AIRBORNE_M {
+        let (target, height_m) = (self.settings.altitude_m, self.height_m(&sample));
+        if height_m.to_f64() > AIRBORNE_M {
             self.flown = true;
         }
-        if sample.altitude_m >= target - self.settings.arrival_radius_m {
+        if height_m >= target - self.settings.arrival_radius_m {
             self.pending = None;
             if self.stream.is_none() {
                 self.hold_here(now, false);
@@ -277,7 +291,7 @@ impl<T: Scalar> Autopilot<T> {
         } else if self.asked.is_none() {
             self.asked = Some((now, true));
             if let Some(stream) = &mut self.stream {
-                stream.climb = Some((now, sample.altitude_m));
+                stream.climb = Some((now, height_m));
             }
         }
     }
@@ -365,9 +379,9 @@ impl<T: Scalar> Autopilot<T> {
         if self.silent {
             return None;
         }
-        if (flying || self.phase == Phase::TakingOff)
-            && now - telemetry.sample_came > watch.position
-        {
+        // From the first setpoint on, which may be on the ground: without a position the stream
+        // that PX4 waits for stops, and so does the start.
+        if (flying || starting) && !self.knows_position(now) {
             return Some(Cause::PositionLost);
         }
         let waited = matches!(self.phase, Phase::Checking) && self.launch;
@@ -383,7 +397,7 @@ impl<T: Scalar> Autopilot<T> {
                 .zip(telemetry.sample)
                 .is_some_and(|(fence, sample)| {
                     !fence.contains(&sample.position, -watch.fence_margin_m)
-                        || sample.altitude_m > fence.ceiling_m + watch.fence_margin_m
+                        || self.height_m(&sample) > fence.ceiling_m + watch.fence_margin_m
                 });
         let in_mission = matches!(self.phase, Phase::Leg | Phase::LegEnded);
         let ground = watch
@@ -450,7 +464,7 @@ impl<T: Scalar> Autopilot<T> {
             None => self
                 .telemetry
                 .sample
-                .is_some_and(|sample| sample.altitude_m.to_f64() > AIRBORNE_M),
+                .is_some_and(|sample| self.height_m(&sample).to_f64() > AIRBORNE_M),
         }
     }
 
@@ -463,11 +477,14 @@ impl<T: Scalar> Autopilot<T> {
         self.enter(now, Phase::Landing);
     }
 
-    /// Whether a setpoint may go out now.
-    pub(super) fn may_stream(&self) -> bool {
+    /// Whether a setpoint may go out now: never while we do not know where the vehicle is.
+    pub(super) fn may_stream(&self, now: Instant) -> bool {
         let Some((_, firmware)) = self.vehicle else {
             return false;
         };
+        if !self.knows_position(now) {
+            return false;
+        }
         let ours = Some(firmware.control_mode());
         let in_control = self.holds == ours && self.telemetry.mode == ours;
         match self.phase {
@@ -477,8 +494,8 @@ impl<T: Scalar> Autopilot<T> {
                 in_control && firmware.stream_before_control() > Duration::ZERO
             }
             Phase::Transit | Phase::Ready | Phase::Leg | Phase::LegEnded => in_control,
-            // Until the landing is accepted the reference comes to rest; not if we do not
-            // know where we are.
+            // Until the landing is accepted the reference comes to rest; not after a position
+            // that cannot be believed.
             Phase::Landing => {
                 in_control
                     && self.asked.is_some_and(|(_, accepted)| !accepted)
@@ -489,6 +506,12 @@ impl<T: Scalar> Autopilot<T> {
             }
             _ => false,
         }
+    }
+
+    /// The latest position sample is not too old to go by.
+    fn knows_position(&self, now: Instant) -> bool {
+        self.telemetry.sample.is_some()
+            && now - self.telemetry.sample_came <= self.settings.watch.position
     }
 
     /// A new sample: does it end the leg?

@@ -123,9 +123,10 @@ impl<T: Scalar> Autopilot<T> {
         self.reader.restore(now, vehicle, report)
     }
 
-    /// The setpoint that is due, if one is and we may send it.
+    /// The setpoint that is due, if one is and we may send it. Heights here are above the place
+    /// of take-off.
     fn setpoint(&mut self, now: Instant) -> Option<MavMessage> {
-        if !self.may_stream() {
+        if !self.may_stream(now) {
             return None;
         }
         let (interval, target) = (self.settings.setpoint_interval, self.settings.altitude_m);
@@ -191,7 +192,9 @@ impl<T: Scalar> Autopilot<T> {
         // Position, velocity and acceleration count; heading is the autopilot's.
         let type_mask = PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE
             | PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE;
-        let altitude = altitude.to_f64() as f32;
+        // Above the place of take-off, as the autopilot's home is, and above the local origin.
+        let height = altitude.to_f64() as f32;
+        let altitude = (altitude + self.ground_m).to_f64() as f32;
         let climb = climb.to_f64() as f32;
         let time_boot_ms = now.millis_wrapping();
         Some(match self.settings.coordinates {
@@ -222,7 +225,7 @@ impl<T: Scalar> Autopilot<T> {
                     time_boot_ms,
                     lat_int: place.latitude_e7,
                     lon_int: place.longitude_e7,
-                    alt: altitude,
+                    alt: height,
                     vx,
                     vy,
                     vz: -climb,
