@@ -38,7 +38,8 @@ use crate::{
     time::{Duration, Instant},
 };
 
-/// The share of the guidance's acceleration that the shield relies on for braking and turning.
+/// The share of the guidance's acceleration that the shield relies on for braking and turning:
+/// the rest goes into jerk and into following the reference.
 const RELIABLE_SHARE: f64 = 0.5;
 
 /// What the slot cycle is told.
@@ -150,9 +151,6 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         autopilot: Autopilot<T>,
     ) -> Self {
         let slot_duration_s = controller.mission().parameters().slot_duration_s;
-        // Part of the acceleration goes into jerk and into following the reference.
-        let acceleration_mps2 = autopilot.settings().limits.acceleration_mps2;
-        let controller = controller.with_acceleration(acceleration_mps2 * T::of(RELIABLE_SHARE));
         Self {
             settings,
             slot_duration: Duration::from_secs_f64(slot_duration_s.to_f64()),
@@ -326,6 +324,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
         match self.stage {
             Stage::Preparing if self.autopilot.phase() == Phase::Ready => {
+                // What the vehicle's parameters leave of the limits is known by now; guidance
+                // flies with that.
+                let acceleration_mps2 = self.autopilot.limits().acceleration_mps2;
+                self.controller
+                    .rely_on_acceleration(acceleration_mps2 * T::of(RELIABLE_SHARE));
                 let measured = self.autopilot.position();
                 self.begin_slot(now, measured.map(|sample| sample.position), probe);
             }

@@ -171,6 +171,11 @@ impl<T: Scalar> ReachableSet<T> {
     /// short of full speed there: with `r_0` now and `s` short of closing in at full `reach`, the
     /// distance that remains is `r_0 - reach + s`, and regaining that speed costs
     /// `s^2 / (2 gain)` more, and the lag once.
+    ///
+    /// No more is ever asked than to close in at full `reach`, and nothing around the destination
+    /// from where stopping stays within `V_max delta` of it: there the vehicle has arrived. So
+    /// the two discs have a place in common wherever those of `F_n` do. Where braking before a
+    /// border excludes that place, the way leads straight to the destination nevertheless.
     pub fn of_slot_with<const M: usize, const J: usize>(
         mission: &Mission<T, M, J>,
         slot: u32,
@@ -196,7 +201,11 @@ impl<T: Scalar> ReachableSet<T> {
         let away_m = (from - set.home.center).norm();
         let slots_left = T::count((mission.slots().saturating_sub(slot) + 2) as usize);
         let spare_m = slots_left * agility.reach_m - agility.lag_m - away_m;
-        set.home.radius_m = away_m - agility.reach_m + agility.stoppable_m(spare_m);
+        let short_m = agility.stoppable_m(spare_m).max(T::zero());
+        // From one side of the destination to the other is twice the radius.
+        let arrived_m = agility.stoppable_m(mission.reach_m()) / T::of(2.0);
+        let radius_m = (away_m - agility.reach_m + short_m).max(arrived_m);
+        set.home.radius_m = set.home.radius_m.min(radius_m);
         set
     }
 

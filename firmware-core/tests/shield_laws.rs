@@ -8,7 +8,7 @@ use firmware_core::{
     controller::{ChannelState, Controller},
     mission::{Area, Environment, ExcessLoss, MissionParameters},
     policy::{Action, Observation, Policy},
-    shield::{Intervention, ReachableSet, admissible_waypoint, rounding_m},
+    shield::{Agility, Intervention, ReachableSet, admissible_waypoint, rounding_m},
 };
 use heapless::Vec;
 use rand::{Rng, RngExt};
@@ -277,6 +277,53 @@ fn the_projection_is_exact() {
         compared > 180_000,
         "only {compared} of 1,200,000 samples were in the set"
     );
+}
+
+/// Inertia makes `F_n` smaller, never empty, and never sends the vehicle past the destination:
+/// whoever wishes to be there and can is let.
+#[test]
+fn with_inertia_the_destination_stays_within_reach() {
+    let mut random = generator(15);
+    let mut near = 0;
+    for _ in 0..20_000 {
+        let mut p = mission::<f64>(&mut random).parameters().clone();
+        // The borders are far: this is about the destination.
+        p.area = Area {
+            east_m: 5000.0,
+            north_m: 5000.0,
+        };
+        p.destination = Position::new(2500.0, 2500.0);
+        p.start = p.destination;
+        p.slots = random.random_range(1..80);
+        p.max_speed_mps = log_uniform(&mut random, 1.0, 50.0) / p.slot_duration_s;
+        let mission = Mission::<f64, USERS, SENSORS>::new(p.clone()).expect("valid");
+        let reach_m = mission.reach_m();
+        let agility = Agility {
+            reach_m: reach_m * random.random_range(0.6..=1.0),
+            gain_m: log_uniform(&mut random, 1.0, 1000.0),
+            lag_m: reach_m * random.random_range(0.0..=2.0),
+        };
+        let slot = random.random_range(1..=p.slots);
+        let far_m = (f64::from(p.slots - slot + 2) * reach_m * 0.999_999).min(2000.0);
+        let away_m = far_m * random.random_range(0.0..=1.0);
+        let angle = random.random_range(0.0..core::f64::consts::TAU);
+        let from = p.destination + Displacement::new(angle.cos(), angle.sin()) * away_m;
+        let set = ReachableSet::of_slot_with(&mission, slot, from, &agility);
+        let ideal = ReachableSet::of_slot(&mission, slot, from);
+        let mut coordinate = || random.random_range(-2.0..2.0) * reach_m;
+        let wish = from + Displacement::new(coordinate(), coordinate());
+        let nearest = set.nearest(&wish);
+        let nearest = nearest.unwrap_or_else(|| panic!("empty: {set:?}"));
+        assert!(ideal.contains(&nearest), "{nearest} {set:?}");
+        if away_m <= reach_m {
+            near += 1;
+            let mut changed = Intervention::default();
+            let waypoint = admissible_waypoint(&set, &(p.destination - from), &mut changed);
+            let missed_m = (waypoint - p.destination).norm();
+            assert!(missed_m < 1e-9 && !changed.any(), "{waypoint} {set:?}");
+        }
+    }
+    assert!(near > 1_000, "{near}");
 }
 
 /// A wish that is admissible is taken as it is, and not reported.
