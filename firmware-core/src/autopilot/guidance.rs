@@ -104,6 +104,9 @@ pub struct Trajectory<T: Scalar> {
 const CHECKED: usize = 12;
 /// Halvings in the search for the largest share of the way that the limits allow: to 1/512.
 const HALVINGS: usize = 9;
+/// Times that are tried for a stop, and by what factor each is longer than the last.
+const STOPS: usize = 20;
+const STOP_GROWTH: f64 = 1.04;
 
 impl<T: Scalar> Trajectory<T> {
     /// From one motion to another in `span`. With a span of zero it is at `to` at once.
@@ -305,13 +308,39 @@ impl<T: Scalar> Trajectory<T> {
         )
     }
 
-    /// To rest, wherever that is, in the least time for which the limits are kept.
+    /// To rest, wherever that is, in the least time for which the limits are kept. An acceleration
+    /// that has to fade first takes time in which speed still grows; where no time keeps all
+    /// limits, the one that exceeds them least: by 3 % at most if the speed stays within them
+    /// while the acceleration fades within a second, as legs of a second see to.
+    ///
+    /// Worst case: 20 candidates of 13 points.
     pub fn stop(now: Instant, from: Motion<T>, limits: &Limits<T>) -> Self {
         let speed = from.velocity.norm().to_f64();
         let acceleration = from.acceleration.norm().to_f64();
         let seconds = (1.5 * speed / limits.acceleration_mps2.to_f64())
             .max(libm::sqrt(6.0 * speed / limits.jerk_mps3.to_f64()))
             .max(4.0 * acceleration / limits.jerk_mps3.to_f64());
+        let mut best = Self::stop_in(now, seconds, from);
+        if best.span.is_zero() || acceleration <= 0.0 {
+            return best;
+        }
+        let mut least = best.strain(limits);
+        let mut longer = seconds;
+        for _ in 1..STOPS {
+            if least <= T::of(1.001) {
+                break;
+            }
+            longer *= STOP_GROWTH;
+            let stop = Self::stop_in(now, longer, from);
+            let strain = stop.strain(limits);
+            if strain < least {
+                (best, least) = (stop, strain);
+            }
+        }
+        best
+    }
+
+    fn stop_in(now: Instant, seconds: f64, from: Motion<T>) -> Self {
         let t = T::of(seconds);
         let place = from.position
             + from.velocity * (t * T::of(0.5))
@@ -505,8 +534,9 @@ mod tests {
             ..ProptestConfig::with_cases(2000)
         })]
 
-        /// From any motion within the limits, to any way-point: finite, and the limits hold
-        /// to 10 % (letting go can overshoot the speed while the acceleration fades).
+        /// From any motion within the limits, to any way-point: finite, and between the points
+        /// that are checked the limits hold to 3 %. Where letting go overshoots the speed while
+        /// the acceleration fades, nothing that is flown overshoots it more.
         #[test]
         fn legs_keep_the_limits(
             v in (0.0..32.0, 0.0..6.3), a in (0.0..9.0, 0.0..6.3),
@@ -523,9 +553,38 @@ mod tests {
             for i in 0..=100 {
                 let motion = leg.at(at(span * f64::from(i) / 100.0));
                 prop_assert!(motion.is_finite());
-                prop_assert!(motion.acceleration.norm() <= 9.0 * 1.1, "{motion:?}");
-                prop_assert!(motion.velocity.norm() <= 32.0 + 9.0 * 0.5 * span * 1.1, "{motion:?}");
+                prop_assert!(motion.acceleration.norm() <= 9.0 * 1.03, "{motion:?}");
+                let let_go_mps = v.0 + a.0 * span / 2.0;
+                let speed_mps = motion.velocity.norm();
+                prop_assert!(speed_mps <= let_go_mps.max(32.0) * 1.03, "{motion:?}");
+                let jerk_mps3 = leg.jerk(f64::from(i) / 100.0, span).norm();
+                prop_assert!(jerk_mps3 <= 40.0 * 1.03, "{jerk_mps3} {leg:?}");
             }
+        }
+
+        /// A stop from any motion that a leg of a second can have: see [`Trajectory::stop`].
+        #[test]
+        fn stops_keep_the_limits(
+            v in (0.0..1.0, 0.0..6.3), a in (0.0..9.0, 0.0..6.3),
+        ) {
+            let polar = |(r, phi): (f64, f64)| Vector2::new(r * phi.cos(), r * phi.sin());
+            let from = Motion {
+                position: Position::origin(),
+                velocity: polar((v.0 * (32.0 - a.0 / 2.0), v.1)),
+                acceleration: polar(a),
+            };
+            let stop = Trajectory::stop(at(0.0), from, &LIMITS);
+            let span = (stop.end() - at(0.0)).as_secs_f64();
+            for i in 0..=100 {
+                let share = f64::from(i) / 100.0;
+                let motion = stop.at_share(share, span);
+                prop_assert!(motion.is_finite());
+                prop_assert!(motion.velocity.norm() <= 32.0 * 1.03, "{motion:?}");
+                prop_assert!(motion.acceleration.norm() <= 9.0 * 1.03, "{motion:?}");
+                let jerk_mps3 = stop.jerk(share, span).norm();
+                prop_assert!(jerk_mps3 <= 40.0 * 1.03, "{jerk_mps3} {stop:?}");
+            }
+            prop_assert_eq!(stop.at(stop.end()).velocity, Vector2::zeros());
         }
 
         /// Transits and stops keep the limits and end at rest.
