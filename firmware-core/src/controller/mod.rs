@@ -421,12 +421,7 @@ fn count_unheard<T: Scalar>(gains: impl Iterator<Item = T>) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        autopilot::guidance::{Guide, Limits},
-        policy::FixedPosition,
-        test_missions::{table_one, table_one_parameters},
-        time::{Duration, Instant},
-    };
+    use crate::{policy::FixedPosition, test_missions::table_one};
 
     /// Where a vehicle that makes at most `most_m` a slot ends a mission that hovers over the
     /// middle for as long as the shield lets it.
@@ -442,56 +437,6 @@ mod tests {
         }
         let missed_m = (here - mission.parameters().destination).norm();
         (missed_m, mission.has_arrived(&here))
-    }
-
-    /// A vehicle that follows the guidance's reference perfectly, hovering over the middle for as
-    /// long as the shield lets it: shield and guidance count on the same abilities, at any speed.
-    #[test]
-    fn guidance_keeps_what_the_shield_counts_on() {
-        let second = Duration::from_secs(1);
-        for (start, destination) in [
-            ([300.0, 300.0], [500.0, 600.0]),
-            ([500.0, 400.0], [650.0, 420.0]),
-            ([900.0, 300.0], [600.0, 300.0]),
-        ] {
-            for speed_mps in [5.0, 7.0, 9.0, 12.0, 15.0, 20.0, 25.0, 30.0] {
-                let mut p = table_one_parameters::<f64>();
-                (p.start, p.destination) = (Position::from(start), Position::from(destination));
-                p.max_speed_mps = speed_mps;
-                // From rest and round corners, so much of the way is lost.
-                let way_m = speed_mps * f64::from(p.slots + 1);
-                if (p.destination - p.start).norm() > 0.95 * way_m {
-                    continue;
-                }
-                let mission = Mission::new(p).expect("valid");
-                let limits = Limits {
-                    speed_mps,
-                    acceleration_mps2: 8.0,
-                    jerk_mps3: 48.0,
-                };
-                let (mut now, start) = (Instant::ZERO, mission.parameters().start);
-                let mut guide = Guide::new(now, start, limits, second / 20);
-                let policy = FixedPosition::central(&mission);
-                let mut controller = Controller::new(mission.clone(), policy);
-                controller.rely_on_acceleration(4.0);
-                while !controller.is_over() {
-                    let measured = guide.at(now);
-                    let plan = controller.plan(measured.position).expect("at rest");
-                    assert!(!plan.intervention.out_of_reach, "{speed_mps}: {plan:?}");
-                    let end = now + second;
-                    guide.fly_leg(now, end, plan.waypoint, measured, 2.0);
-                    now = end;
-                    let here = guide.at(now).position;
-                    controller.allocate_predicted(&here).expect("under way");
-                }
-                let here = guide.at(now).position;
-                let missed_m = (here - mission.parameters().destination).norm();
-                assert!(
-                    mission.has_arrived(&here),
-                    "{speed_mps} m/s: {missed_m} m away"
-                );
-            }
-        }
     }
 
     /// The shield learns on the way out how fast the vehicle is, and brings it home in time.

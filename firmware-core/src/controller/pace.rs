@@ -27,9 +27,6 @@ pub(super) struct Pace<T: Scalar> {
 impl<T: Scalar> Pace<T> {
     /// Slots in a row that prove a vehicle slower than asked: longer than any gathers speed.
     const PROOF: u8 = 8;
-    /// The share of its speed that a vehicle with inertia makes good towards a place: it gathers
-    /// the last of its speed slowly, and swings about the straight line.
-    const STRAIGHT: f64 = 0.95;
 
     pub(super) fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let Agility {
@@ -52,21 +49,15 @@ impl<T: Scalar> Pace<T> {
     pub(super) fn rely_on_acceleration(&mut self, acceleration_mps2: T, slot_s: T) {
         self.gain_m = acceleration_mps2 * slot_s * slot_s;
         if self.gain_m.finite() {
-            // A slot passes before a change of mind shows, and another until the guidance, which
-            // chases way-points within the vehicle's limits, has caught up with it.
-            self.lag_m = self.reach_m * T::of(2.0 * Self::STRAIGHT);
+            // A slot passes before a change of mind shows.
+            self.lag_m = self.reach_m;
         }
     }
 
     /// What the shield counts on.
     pub(super) fn agility(&self) -> Agility<T> {
-        let reach_m = if self.gain_m.finite() {
-            self.held_m * T::of(Self::STRAIGHT)
-        } else {
-            self.held_m
-        };
         Agility {
-            reach_m,
+            reach_m: self.held_m,
             gain_m: self.gain_m,
             lag_m: self.lag_m,
         }

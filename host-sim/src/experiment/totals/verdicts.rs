@@ -152,12 +152,15 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Clai
         Claim::new(
             "With more noise SAC's lead over DDPG grows.",
             leads.verdict(),
-            format!(
-                "SAC's total over DDPG's is {} at {NOISE_DBM} dBm and {} at {HIGH_NOISE_DBM} dBm; \
-                 it grows in {leads} cells.",
-                leads_at(NOISE_DBM),
-                leads_at(HIGH_NOISE_DBM),
-            ),
+            match leads.cases {
+                0 => format!("Not measured: no DDPG was trained at {HIGH_NOISE_DBM} dBm."),
+                _ => format!(
+                    "SAC's total over DDPG's is {} at {NOISE_DBM} dBm and {} at {HIGH_NOISE_DBM} \
+                     dBm; it grows in {leads} cells.",
+                    leads_at(NOISE_DBM),
+                    leads_at(HIGH_NOISE_DBM),
+                ),
+            },
             "",
         ),
     ]
