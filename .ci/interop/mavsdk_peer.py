@@ -15,6 +15,8 @@ import sys
 import threading
 import time
 
+from counted import Checks, free_port
+
 os.environ["MAVLINK20"] = "1"
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk  # noqa: E402
 from mavsdk.asyncio.plugins.action import ActionAsync  # noqa: E402

@@ -47,6 +47,7 @@ fn memory<L: Learner>(environment: &mut Environment<f64>, rng: &mut Pcg64Mcg) ->
                 last: step.last,
                 admissible,
                 next_admissible: environment.admissible(),
+                choice: [true; 2],
             });
             std::mem::swap(&mut now, &mut next);
             if step.last {
