@@ -209,7 +209,7 @@ mod tests {
             last: i % 4 == 3,
             admissible: u64::from(i),
             next_admissible: u64::from(i) + 1,
-            choice: [i % 2 == 0, i % 5 == 0],
+            choice: [i.is_multiple_of(2), i.is_multiple_of(5)],
         });
     }
 
@@ -234,8 +234,8 @@ mod tests {
             assert_eq!(batch.follows[s], if i % 4 == 3 { 0.0 } else { 1.0 });
             assert_eq!(batch.admissible[s], u64::from(i));
             assert_eq!(batch.next_admissible[s], u64::from(i) + 1);
-            assert_eq!(batch.choice[s] == 1.0, i % 2 == 0);
-            assert_eq!(batch.next_choice[s] == 1.0, i % 5 == 0);
+            assert_eq!(batch.choice[s] == 1.0, i.is_multiple_of(2));
+            assert_eq!(batch.next_choice[s] == 1.0, i.is_multiple_of(5));
         }
     }
 }
