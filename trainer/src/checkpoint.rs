@@ -24,7 +24,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"UAVC";
-const VERSION: u16 = 2;
+const VERSION: u16 = 3;
 const CHECKSUM: Crc<u32, crc::Table<16>> = Crc::<u32, crc::Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// A policy that was evaluated.

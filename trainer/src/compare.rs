@@ -247,11 +247,7 @@ const LEARNING_RATES: [&str; 3] = [
 fn label(settings: &Settings) -> anyhow::Result<String> {
     let name = settings.algorithm.name().to_uppercase();
     let mut shortest: Option<(String, Vec<(String, String)>)> = None;
-    for (preset, known_as) in [
-        (Preset::Paper, ""),
-        (Preset::Tuned, ", tuned"),
-        (Preset::Extended, ", extended"),
-    ] {
+    for (preset, known_as) in [(Preset::Paper, ""), (Preset::Tuned, ", tuned")] {
         let preset = Settings::preset(preset, settings.algorithm, settings.seed);
         let changed = changes(settings, &preset)?;
         if shortest
@@ -318,11 +314,11 @@ mod tests {
         assert_eq!(label(&tuned).unwrap(), "SAC, tuned");
         let unpriced = Settings {
             fairness_prices: false,
-            ..Settings::preset(Preset::Extended, Algorithm::Sac, 1)
+            ..Settings::preset(Preset::Tuned, Algorithm::Sac, 1)
         };
         assert_eq!(
             label(&unpriced).unwrap(),
-            "SAC, extended, fairness prices false"
+            "SAC, tuned, fairness prices false"
         );
         s = settings(Algorithm::Ddpg);
         s.critic_learning_rate = 1e-3;

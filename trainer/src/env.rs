@@ -10,11 +10,16 @@
 //! ```
 //!
 //! `p_m` is the price of fairness of the served user `m`, where the settings ask for prices
-//! ([`Environment::with_prices`]), else 0 as in the paper.
+//! ([`Environment::with_prices`]), else 0 as in the paper. Where they ask for value shaping
+//! ([`Environment::with_values`]), what is still to be had after the slot is added and what was
+//! to be had before it is taken away: a reward is then what the slot cost against the best that
+//! the relaxed mission could do.
 //!
 //! [`Constraints::Shielded`] flies what would fly: displacement and user are projected, so every
 //! episode arrives and is fair. [`Constraints::Penalty`] is the paper's form: area and speed are
 //! projected, fairness and arrival are only paid for.
+
+use std::sync::Arc;
 
 use firmware_core::{
     Displacement, Mission, Position, PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
@@ -26,6 +31,7 @@ use firmware_core::{
 
 use crate::{
     learner::{Choice, Dimensions},
+    relaxation::ValueToGo,
     replay::UserSet,
     settings::{Constraints, Settings},
 };
@@ -74,7 +80,7 @@ pub struct Reward {
     pub rate: f64,
     /// `r^d`, metres times slots (or `R_f`).
     pub trajectory: f64,
-    /// `lambda_1 (r^c + p_m) + lambda_2 r^d`.
+    /// `lambda_1 (r^c + p_m) + lambda_2 r^d`, shaped or not.
     pub total: f64,
 }
 
@@ -146,6 +152,7 @@ pub struct Environment<T: Scalar> {
     weights: Weights,
     /// `p_m`, bit/s/Hz.
     prices: Vec<f64>,
+    values: Option<Arc<ValueToGo>>,
     entropy_when_forced: bool,
     normalizer: Normalizer,
     workspace: Workspace<T, SENSORS_MAX>,
@@ -189,6 +196,7 @@ impl<T: Scalar> Environment<T> {
                 arrival: settings.arrival_reward.into(),
             },
             prices: vec![0.0; mission.user_count()],
+            values: None,
             normalizer: Normalizer::of_mission(&mission),
             entropy_when_forced: settings.entropy_when_forced,
             workspace: Workspace::default(),
@@ -206,6 +214,39 @@ impl<T: Scalar> Environment<T> {
         let mean = paid / f64::from(slots);
         self.prices = prices.iter().map(|price| price - mean).collect();
         self
+    }
+
+    /// Adds `V_n(q_n) - V_{n-1}(q_{n-1})` to the reward of slot `n`: potential-based shaping
+    /// (Ng, Harada and Russell, 1999) without its discount. Over a mission it adds up to
+    /// `-V_0(q_0)` whatever is done, so returns keep their order and their distances; but a
+    /// reward then holds what the slot leads to, and the discount weighs only what the
+    /// relaxation does not know.
+    pub fn with_values(mut self, values: Arc<ValueToGo>) -> Self {
+        self.values = Some(values);
+        self
+    }
+
+    /// What a slot is worth at a place at most: the best user's rate and price, bit/s/Hz.
+    pub(crate) fn best_worth(&mut self, place: Position<T>) -> f64 {
+        self.now.position = place;
+        let worth = (0..self.mission.user_count()).map(|user| {
+            let feasible = self.solve_slot(user);
+            let rate = if feasible {
+                self.now.rate.to_f64()
+            } else {
+                0.0
+            };
+            rate + self.prices[user]
+        });
+        worth.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// `V_n(q_n)`, where there is shaping.
+    fn value_to_go(&self) -> f64 {
+        let position = self.now.position;
+        let place = Position::new(position.x.to_f64(), position.y.to_f64());
+        let values = self.values.as_ref();
+        values.map_or(0.0, |values| values.at(self.now.slots_done, &place))
     }
 
     /// Sizes for the learner.
@@ -302,6 +343,7 @@ impl<T: Scalar> Environment<T> {
     /// Flies a slot. Steps after the last one go nowhere: [`reset`](Self::reset) first.
     pub fn step(&mut self, choice: &Choice) -> Step {
         let slot = self.now.slots_done + 1;
+        let before = self.value_to_go();
         let reach = self.mission.reach_m();
         let wish = Displacement::new(
             T::of(choice.action[0].into()) * reach,
@@ -326,8 +368,9 @@ impl<T: Scalar> Environment<T> {
             -f64::from(slot) * left_m.to_f64()
         };
         let price = if fair { self.prices[choice.user] } else { 0.0 };
-        let total =
-            self.weights.rate * (rate_reward + price) + self.weights.trajectory * trajectory;
+        let gained = self.value_to_go() - before;
+        let total = self.weights.rate * (rate_reward + price + gained)
+            + self.weights.trajectory * trajectory;
 
         let e = &mut self.now.episode;
         e.reward += total;
@@ -536,6 +579,32 @@ mod tests {
         assert!(moved > 40, "{moved}");
         let (plain, priced) = (plain.episode(), priced.episode());
         assert!(plain.fair && (plain.reward - priced.reward).abs() < 1e-9);
+    }
+
+    /// Shaping moves rewards between slots: over any mission it adds up to the same.
+    #[test]
+    fn shaping_shifts_the_return_of_every_mission_alike() {
+        let settings = settings(Constraints::Shielded);
+        let plain = Environment::new(mission("mixed"), &settings);
+        let values = Arc::new(ValueToGo::new(&plain));
+        let at_start = values.at(0, &plain.position());
+        assert!(at_start > 60.0, "{at_start}");
+        let (mut plain, mut shaped) = (plain.clone(), plain.with_values(values));
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let mut choice = Choice::default();
+        for _ in 0..5 {
+            let mut moved = 0.0_f64;
+            for _ in 0..60 {
+                Sac::choose_at_random(15, plain.admissible(), &mut rng, &mut choice);
+                let (a, b) = (plain.step(&choice).reward, shaped.step(&choice).reward);
+                moved = moved.max((b.total - a.total).abs());
+            }
+            assert!(moved > 0.5, "{moved}");
+            let shift = shaped.episode().reward - plain.episode().reward;
+            assert!((shift + at_start).abs() < 1e-9, "{shift} {at_start}");
+            plain.reset();
+            shaped.reset();
+        }
     }
 
     /// What is foreseen for a user is what comes when it is served, and nothing is flown.

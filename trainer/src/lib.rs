@@ -5,6 +5,7 @@
 //! | [`settings`] | what can be set, and which of it is the paper's |
 //! | [`env`](mod@env) | the MDP, on firmware-core's own shield, channel and slot solution |
 //! | [`sac`], [`ddpg`] | how the networks learn; [`head`] is SAC's hybrid action |
+//! | [`relaxation`] | what is still to be had from a place, for value shaping |
 //! | [`replay`] | the memory |
 //! | [`nn`] | layers, back-propagation, Adam |
 //! | [`training`] | the loop, [`metrics`], [`tensorboard`], [`checkpoint`]; [`run`] is what it leaves |
@@ -25,6 +26,7 @@ pub mod learner;
 pub mod metrics;
 pub mod nn;
 pub mod onnx;
+pub mod relaxation;
 pub mod replay;
 pub mod run;
 pub mod sac;

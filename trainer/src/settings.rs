@@ -1,8 +1,8 @@
 //! Everything that can be set about a training run, in one struct.
 //!
 //! *Table I* marks what the paper gives; *ours* marks what it leaves open. The preset
-//! [`Preset::Paper`] is Table I with our choices for the rest; [`Preset::Tuned`] changes numbers,
-//! [`Preset::Extended`] the algorithm (`docs/training.md` says by how much each change helped).
+//! [`Preset::Paper`] is Table I with our choices for the rest; [`Preset::Tuned`] is what learns
+//! best that we know (`docs/training.md` says by how much each change helped).
 
 use clap::ValueEnum;
 use firmware_core::policy::mlp::WIDTH_MAX;
@@ -35,14 +35,12 @@ impl Algorithm {
 pub enum Preset {
     /// Table I.
     Paper,
-    /// The same algorithm with the best discount and learning rates that we found.
+    /// The same state, action, networks and episodes; another discount and other learning rates,
+    /// and what the paper has not: how a mission's return is paid out over its slots
+    /// ([`Settings::fairness_prices`], [`Settings::value_shaping`]), and for SAC what is
+    /// remembered and where entropy counts ([`Settings::alternative_users`],
+    /// [`Settings::entropy_when_forced`]).
     Tuned,
-    /// SAC beyond Alg. 2, with the same state, action and network: another discount and other
-    /// learning rates, what the displacement's entropy counts for, what is remembered and how
-    /// fairness is paid ([`Settings::fairness_prices`],
-    /// [`Settings::alternative_users`], [`Settings::entropy_when_forced`]). For DDPG, which has
-    /// neither entropies nor values per user, as [`Preset::Tuned`].
-    Extended,
 }
 
 /// How the environment treats an action that the constraints forbid.
@@ -90,6 +88,10 @@ pub struct Settings {
     /// returns and best missions stay the same, but what a user is worth now rather than later is
     /// paid at once (`docs/training.md`). Ours.
     pub fairness_prices: bool,
+    /// Whether a slot is also paid what it adds to the value of the relaxed mission
+    /// ([`crate::relaxation`]): potential-based shaping, which leaves the order of missions as it
+    /// is. Ours.
+    pub value_shaping: bool,
     /// `lambda_2`, weight of the trajectory reward, per metre and slot. Ours. Under the shield
     /// arrival is certain and the term only biases where to be meanwhile, so it is small.
     pub trajectory_weight: f32,
@@ -122,7 +124,8 @@ pub struct Settings {
     pub warmup_slots: u64,
     /// For every slot flown, transitions with so many other admissible users, drawn evenly, are
     /// remembered beside it: what they would have earned and led to is known exactly, as the
-    /// way-point does not depend on the user. Alg. 2: none.
+    /// way-point does not depend on the user. For SAC only: DDPG's action is the users' scores.
+    /// Alg. 2: none.
     pub alternative_users: u32,
     /// Gradient steps per slot. Alg. 2: one.
     pub gradient_steps_per_slot: u32,
@@ -154,6 +157,7 @@ impl Settings {
             hidden: 128,
             rate_weight: 1.0,
             fairness_prices: false,
+            value_shaping: false,
             trajectory_weight: 1e-6,
             arrival_reward: 1e6,
             inner: Allocation::Exact,
@@ -173,25 +177,20 @@ impl Settings {
             checkpoint_every: 500,
             loss_limit: 1e6,
         };
-        let tuned = Self {
-            discount: 0.95,
-            policy_learning_rate: 3e-4,
-            critic_learning_rate: 3e-4,
-            temperature_learning_rate: 3e-4,
-            ..paper.clone()
-        };
-        match (preset, algorithm) {
-            (Preset::Paper, _) => paper,
-            (Preset::Tuned, _) | (Preset::Extended, Algorithm::Ddpg) => tuned,
-            (Preset::Extended, Algorithm::Sac) => Self {
-                fairness_prices: true,
-                alternative_users: 1,
-                entropy_when_forced: false,
+        let of_sac = algorithm == Algorithm::Sac;
+        match preset {
+            Preset::Paper => paper,
+            Preset::Tuned => Self {
                 discount: 0.99,
                 policy_learning_rate: 1e-3,
                 critic_learning_rate: 1e-3,
                 temperature_learning_rate: 1e-3,
-                ..tuned
+                fairness_prices: true,
+                value_shaping: true,
+                // DDPG has neither values per user nor entropies.
+                alternative_users: u32::from(of_sac),
+                entropy_when_forced: !of_sac,
+                ..paper
             },
         }
     }
@@ -237,6 +236,12 @@ impl Settings {
         fraction("discount", self.discount)?;
         fraction("target_rate", self.target_rate)?;
         fraction("user_entropy_fraction", self.user_entropy_fraction)?;
+        SettingsError::unless(
+            self.algorithm == Algorithm::Sac || self.alternative_users == 0,
+            "alternative_users",
+            self.alternative_users,
+            "0 for ddpg, whose action is the users' scores",
+        )?;
         count("batch", self.batch as u64)?;
         SettingsError::unless(
             (1..=WIDTH_MAX).contains(&self.hidden),
@@ -312,7 +317,10 @@ mod tests {
         let message = s.check().unwrap_err().to_string();
         assert_eq!(message, "discount is 1.5, but must be a number from 0 to 1");
         type Spoil = fn(&mut Settings);
-        let spoilt: [(&str, Spoil); 6] = [
+        let spoilt: [(&str, Spoil); 7] = [
+            ("alternative_users is 2", |s| {
+                (s.algorithm, s.alternative_users) = (Algorithm::Ddpg, 2);
+            }),
             ("buffer_capacity is", |s| s.buffer_capacity = usize::MAX),
             ("hidden is 257", |s| s.hidden = 257),
             ("displacement_entropy is NaN", |s| {

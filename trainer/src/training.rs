@@ -2,7 +2,7 @@
 //!
 //! What it leaves in its directory: [`crate::run`].
 
-use std::{path::PathBuf, time::Instant};
+use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use anyhow::{Context, bail, ensure};
 use firmware_core::policy::{Provenance, mlp::Mlp};
@@ -20,6 +20,7 @@ use crate::{
     metrics::{self, LossMeans, Row},
     nn::padded,
     onnx,
+    relaxation::ValueToGo,
     replay::{Replay, Transition, UserSet, scatter},
     run::{self, CHECKPOINT, DIVERGED, METRICS, POLICY, SCENARIO, SETTINGS},
     settings::Settings,
@@ -138,6 +139,10 @@ impl<L: Learner> Training<L> {
         let mut environment = Environment::new(scenario.mission.clone(), settings);
         if settings.fairness_prices {
             environment = environment.with_prices(&progress.prices);
+        }
+        if settings.value_shaping {
+            let values = ValueToGo::new(&environment);
+            environment = environment.with_values(Arc::new(values));
         }
         let Dimensions { observation, .. } = environment.dimensions();
         let rows = || vec![vec![0.0; observation]; n];

@@ -46,12 +46,15 @@ impl Adam {
         let rate = (f64::from(learning_rate) / (1.0 - self.beta_1_power)) as f32;
         let root = (1.0 / (1.0 - self.beta_2_power)).sqrt() as f32;
         let (first, second) = (&mut self.first[..n], &mut self.second[..n]);
+        // The moments of a neuron that has died would decay into subnormal numbers and, as
+        // 0.9 of the smallest rounds to itself, stay there: each costs a hundred times a normal.
+        let flushed = |x: f32| if x.abs() < f32::MIN_POSITIVE { 0.0 } else { x };
         // Elementwise and IEEE-exact operations only: any vector width gives the same bits.
         arch.dispatch(|| {
             for i in 0..n {
                 let g = gradient[i];
-                let m = BETA_1 * first[i] + (1.0 - BETA_1) * g;
-                let v = BETA_2 * second[i] + (1.0 - BETA_2) * (g * g);
+                let m = flushed(BETA_1 * first[i] + (1.0 - BETA_1) * g);
+                let v = flushed(BETA_2 * second[i] + (1.0 - BETA_2) * (g * g));
                 first[i] = m;
                 second[i] = v;
                 parameters[i] -= rate * m / (v.sqrt() * root + EPSILON);
@@ -63,6 +66,19 @@ impl Adam {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What a gradient has left behind vanishes some day: no number stays subnormal for ever.
+    #[test]
+    fn moments_of_a_dead_neuron_become_zero() {
+        let mut adam = Adam::new(1);
+        let mut parameter = [1.0];
+        adam.step(Arch::new(), 1e-3, &mut parameter, &[1e-3]);
+        for _ in 0..100_000 {
+            adam.step(Arch::new(), 1e-3, &mut parameter, &[0.0]);
+            assert!(!adam.first[0].is_subnormal() && !adam.second[0].is_subnormal());
+        }
+        assert_eq!((adam.first[0], adam.second[0]), (0.0, 0.0));
+    }
 
     /// The algorithm as printed, in double precision, on a badly scaled bowl.
     #[test]
