@@ -94,8 +94,9 @@ pub struct Agility<T> {
     /// What it can gain on its present velocity in a slot, metres a slot: acceleration times
     /// `delta^2`. Infinite for the paper's kinematics.
     pub gain_m: T,
-    /// What it falls behind while it turns its mind to a new direction, metres.
-    pub lag_m: T,
+    /// How it moved in the last slot, metres east and north. A slot passes before a change of
+    /// mind shows.
+    pub drift_m: [T; 2],
 }
 
 impl<T: Scalar> Agility<T> {
@@ -104,20 +105,45 @@ impl<T: Scalar> Agility<T> {
         Self {
             reach_m: mission.reach_m(),
             gain_m: T::of(f64::INFINITY),
-            lag_m: T::zero(),
+            drift_m: [T::zero(); 2],
         }
     }
 
     /// The largest step `s` from which a vehicle that makes it can still come to rest within
-    /// `room_m`: `s + s^2 / (2 gain) = room`, in a form that holds for an infinite gain too.
+    /// `room_m`: `s + s^2 / (2 gain) = room`.
     fn stoppable_m(&self, room_m: T) -> T {
+        self.largest_m(T::one(), room_m)
+    }
+
+    /// The positive root of `times s + s^2 / (2 gain) = room`, in a form that holds for an
+    /// infinite gain too; `room` itself where that is not above zero.
+    fn largest_m(&self, times: T, room_m: T) -> T {
         if room_m <= T::zero() {
             return room_m;
         }
         let two = T::of(2.0);
-        two * room_m / (T::one() + (T::one() + two * room_m / self.gain_m).sqrt())
+        two * room_m / (times + (times * times + two * room_m / self.gain_m).sqrt())
+    }
+
+    /// How far the coming slot may go in a direction in which all slots together may by
+    /// `room_m`, the last one having gone `last_m`. It goes at least as far as the last one, and
+    /// once more as far as it ends with; then `s^2 / (2 gain)` passes until the vehicle is at
+    /// rest in that direction. `None` where that takes more than it can lose in a slot.
+    fn allowed_m(&self, last_m: T, room_m: T) -> Option<T> {
+        let turning_m = self.stoppable_m(room_m - last_m);
+        if turning_m > last_m {
+            return Some(self.largest_m(T::of(2.0), room_m));
+        }
+        (turning_m >= last_m - self.gain_m).then(|| turning_m.max(T::zero()))
     }
 }
+
+/// The share of `V_max delta` within which a vehicle with inertia is to arrive. Where it turns
+/// back as late as it may, every imprecision of its flight adds to the distance that remains.
+const ARRIVAL_SHARE: f64 = 0.5;
+/// The share of `V_max delta` by which a vehicle with inertia keeps off the border of the area,
+/// for the same reason.
+const BORDER_SHARE: f64 = 0.15;
 
 impl<T: Scalar> ReachableSet<T> {
     /// The set for going from `from` within `step_m` such that `destination` is at most
@@ -167,10 +193,10 @@ impl<T: Scalar> ReachableSet<T> {
     /// it can brake before the border of the area, and turn back to the destination in time.
     ///
     /// Towards a border, a step `s` leaves as much room as stopping from it takes:
-    /// `s + s^2 / (2 gain) <= room`. Towards the destination the same holds of what a step falls
-    /// short of full speed there: with `r_0` now and `s` short of closing in at full `reach`, the
-    /// distance that remains is `r_0 - reach + s`, and regaining that speed costs
-    /// `s^2 / (2 gain)` more, and the lag once.
+    /// `s + s^2 / (2 gain) <= room`, after a slot that goes on as the last one did. Towards the
+    /// destination the same holds of what a step falls short of full speed there: with `r_0` now
+    /// and `s` short of closing in at full `reach`, the distance that remains is
+    /// `r_0 - reach + s`, and regaining that speed costs `s^2 / (2 gain)` more.
     ///
     /// No more is ever asked than to close in at full `reach`, and nothing around the destination
     /// from where stopping stays within `V_max delta` of it: there the vehicle has arrived. So
@@ -192,20 +218,43 @@ impl<T: Scalar> ReachableSet<T> {
         } = &mut set.area;
         for axis in 0..2 {
             let (low, high) = (south_west[axis], north_east[axis]);
+            let margin_m = agility.reach_m * T::of(BORDER_SHARE);
+            let margin_m = margin_m.min((high - low) / T::of(4.0));
+            let (low, high) = (low + margin_m, high - margin_m);
             let here = from[axis];
             // Outside already: back to the border and no further out.
             let inside = here.max(low).min(high);
-            south_west[axis] = (inside - agility.stoppable_m(inside - low)).max(low);
-            north_east[axis] = (inside + agility.stoppable_m(high - inside)).min(high);
+            let drift_m = agility.drift_m[axis];
+            let step_m = |last_m: T, room_m: T| {
+                let last_m = last_m.max(T::zero());
+                // Too late for that: with more than can be relied on.
+                let braked_m = (last_m - agility.gain_m * T::of(2.0)).max(T::zero());
+                agility.allowed_m(last_m, room_m).unwrap_or(braked_m)
+            };
+            south_west[axis] = (inside - step_m(-drift_m, inside - low)).max(low);
+            north_east[axis] = (inside + step_m(drift_m, high - inside)).min(high);
         }
-        let away_m = (from - set.home.center).norm();
-        let slots_left = T::count((mission.slots().saturating_sub(slot) + 2) as usize);
-        let spare_m = slots_left * agility.reach_m - agility.lag_m - away_m;
-        let short_m = agility.stoppable_m(spare_m).max(T::zero());
+        let home = set.home.center - from;
+        let away_m = home.norm();
+        let slots_left = T::count((mission.slots().saturating_sub(slot) + 1) as usize);
+        let spare_m = (slots_left + T::of(ARRIVAL_SHARE)) * agility.reach_m - away_m;
+        let toward = home / away_m.max(set.rounding_m);
+        let [east_m, north_m] = agility.drift_m;
+        let last_short_m = (toward * agility.reach_m - Displacement::new(east_m, north_m)).norm();
+        let short_m = agility.allowed_m(last_short_m, spare_m);
+        let short_m = short_m.unwrap_or(T::zero());
         // From one side of the destination to the other is twice the radius.
         let arrived_m = agility.stoppable_m(mission.reach_m()) / T::of(2.0);
-        let radius_m = (away_m - agility.reach_m + short_m).max(arrived_m);
-        set.home.radius_m = set.home.radius_m.min(radius_m);
+        let ahead_m = mission.reach_m().min(away_m);
+        if away_m - agility.reach_m + short_m <= arrived_m {
+            set.home.radius_m = set.home.radius_m.min(arrived_m);
+        } else if away_m - ahead_m + short_m <= set.home.radius_m {
+            // Within what `F_n` has about the destination.
+            set.home = Disc {
+                center: from + toward * ahead_m,
+                radius_m: short_m,
+            };
+        }
         set
     }
 

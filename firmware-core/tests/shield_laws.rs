@@ -301,7 +301,7 @@ fn with_inertia_the_destination_stays_within_reach() {
         let agility = Agility {
             reach_m: reach_m * random.random_range(0.6..=1.0),
             gain_m: log_uniform(&mut random, 1.0, 1000.0),
-            lag_m: reach_m * random.random_range(0.0..=2.0),
+            drift_m: [(); 2].map(|()| reach_m * random.random_range(-1.0..=1.0)),
         };
         let slot = random.random_range(1..=p.slots);
         let far_m = (f64::from(p.slots - slot + 2) * reach_m * 0.999_999).min(2000.0);

@@ -1,6 +1,9 @@
 //! Whole missions in simulated time, through encoded bytes on both links.
 
-use firmware_core::policy::StraightLine;
+use firmware_core::{
+    Displacement, Position, USERS_MAX,
+    policy::{Action, Observation, Policy, StraightLine},
+};
 use host_sim::{
     allocation::Allocation,
     flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
@@ -8,6 +11,9 @@ use host_sim::{
     scenario::Scenario,
     vehicle::{Profile, Vehicle},
 };
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 
 fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
     FlightSettings {
@@ -49,6 +55,92 @@ fn the_default_mission_arrives_fair_and_accurate_on_every_kind_vehicle() {
             assert!(summary.planned_vs_flown_m < 1e-3);
         }
     }
+}
+
+/// Goes full speed one way for a while, then another; or hovers.
+struct Wanderer {
+    random: Pcg64Mcg,
+    reach_m: f64,
+    users: usize,
+    wish: Displacement<f64>,
+}
+
+impl Policy<f64, USERS_MAX> for Wanderer {
+    fn decide(&mut self, _: &Observation<'_, f64>) -> Action<f64, USERS_MAX> {
+        if self.random.random_bool(0.15) {
+            let turn = self.random.random_range(0.0..std::f64::consts::TAU);
+            let share = [0.0, 1.0, 1.0][self.random.random_range(0..3)];
+            self.wish = Displacement::new(turn.cos(), turn.sin()) * (share * self.reach_m);
+        }
+        Action {
+            displacement: self.wish,
+            user_scores: (0..self.users).map(|_| self.random.random()).collect(),
+        }
+    }
+}
+
+/// Slow and fast vehicles with inertia, sent about at random until the shield sends them home:
+/// nearly all arrive without having left the area. (For one that flies past the destination or
+/// along a border at full speed that is not certain.)
+#[test]
+fn a_vehicle_with_inertia_arrives_from_wherever_it_is_sent() {
+    let shipped = Scenario::shipped("separated").unwrap();
+    let distances: Vec<f64> = (0..500_u64)
+        .into_par_iter()
+        .map(|seed| {
+            let mut random = Pcg64Mcg::seed_from_u64(seed);
+            let profile = [Profile::Multirotor, Profile::ArduCopter][seed as usize % 2];
+            let max_speed_mps = 2.0 * 16_f64.powf(random.random());
+            let slots = random.random_range(30..90_i64);
+            let mut place =
+                || Position::new(random.random_range(0.0..1e3), random.random_range(0.0..1e3));
+            let (start, wished): (Position<f64>, Position<f64>) = (place(), place());
+            // Far, but not farther than a vehicle gets that has to gather speed first.
+            let far_m = 0.6 * slots as f64 * max_speed_mps;
+            let way = wished - start;
+            let destination = start + way * (far_m / way.norm()).min(1.0);
+            let mut file: toml::Table = shipped.to_toml().parse().unwrap();
+            let values = file["mission"].as_table_mut().unwrap();
+            values.insert("slots".into(), slots.into());
+            values.insert("max_speed_mps".into(), max_speed_mps.into());
+            values.insert("start_m".into(), vec![start.x, start.y].into());
+            values.insert(
+                "destination_m".into(),
+                vec![destination.x, destination.y].into(),
+            );
+            let scenario = Scenario::parse("random", &file.to_string()).unwrap();
+            let reach_m = scenario.mission.reach_m();
+            let policy = Wanderer {
+                reach_m,
+                users: scenario.mission.user_count(),
+                wish: Displacement::zeros(),
+                random,
+            };
+            let vehicle = Vehicle::new(vehicle_settings(&scenario, profile));
+            let peer = Peer::built_in(vehicle).with_parameters_set();
+            let settings = settings(profile, Allocation::Exact);
+            let record =
+                fly(&scenario, policy, &settings, peer, &mut ()).unwrap_or_else(|failed| {
+                    panic!("seed {seed}, {profile}, {} m/s: {}", reach_m, failed.error)
+                });
+            let summary = record.summary();
+            assert!(summary.fair, "seed {seed}: {summary:#?}");
+            if summary.constraint_violations > 0 {
+                let away_m = summary.arrival_distance_m;
+                println!("seed {seed}, {profile}, {reach_m} m a slot: {away_m} m away");
+                return f64::INFINITY;
+            }
+            summary.arrival_distance_m / reach_m
+        })
+        .collect();
+    let broken = distances
+        .iter()
+        .filter(|distance| distance.is_infinite())
+        .count();
+    let acted = distances.iter().filter(|&&distance| distance > 0.3).count();
+    println!("{broken} of 500 broke a constraint; {acted} were sent home just in time");
+    assert!(broken <= 10, "{broken}");
+    assert!(acted > 250, "{acted}");
 }
 
 /// What each freedom is worth, on one path: Alg. 1 nearly reaches the optimum, and a scheme that

@@ -10,7 +10,8 @@
 //! * a **leg** reaches its way-point at the slot's end, passing through it with the mean
 //!   velocity of the leg. Where [`Limits`] do not allow that (from rest, round a sharp corner,
 //!   to a place that lies behind) the acceleration moves, linearly over the leg, to what chases
-//!   the way-points best: their own velocity, plus a correction no faster than can be braked.
+//!   the way-points best: what would reach the way-point, mixed with the way-points' own
+//!   velocity, plus a correction no faster than can be braked.
 //! * a **transit** goes from rest to rest, in the least time the limits allow.
 //! * a **stop** follows whatever was not continued: the last reference decelerates to rest.
 //!   A stream never ends with a velocity in it.
@@ -104,6 +105,16 @@ pub struct Trajectory<T: Scalar> {
 const CHECKED: usize = 12;
 /// Halvings in the search for the largest share of the way that the limits allow: to 1/512.
 const HALVINGS: usize = 9;
+/// How a way-point is chased: the share of the way-points' own velocity, the rest being what
+/// would reach the way-point, and the share of what is left that is corrected within a slot.
+///
+/// Way-points are planned anew from wherever the vehicle is. Across the way to them, velocity
+/// then follows `v_n = (PACE / 2) (v_{n-1} + v_{n-2}) - CORRECTION v_{n-1}`, and about a place
+/// to hover at, with the error `e`, `v_n = (1 - PACE + CORRECTION) e - CORRECTION v_{n-1}`:
+/// both die out by a factor of two or more a slot. (With 1 and 1 the first has the root -1 and
+/// swings for ever. Without any pace a fast vehicle overshoots a place to hover at again and again.)
+const PACE: f64 = 0.3;
+const CORRECTION: f64 = 0.35;
 /// Times that are tried for a stop, and by what factor each is longer than the last.
 const STOPS: usize = 20;
 const STOP_GROWTH: f64 = 1.04;
@@ -250,12 +261,13 @@ impl<T: Scalar> Trajectory<T> {
         // Where letting go would lead.
         let coast_velocity = from.velocity + from.acceleration * (t * half);
         let coast_position = from.position + (from.velocity + from.acceleration * (t * third)) * t;
-        // Of the way-points' velocity and of what is left to close no more than can be braked
-        // with half of the acceleration.
+        // Beside the way-points' own velocity, no more than can be braked with half of the
+        // acceleration over what is left.
         let left = waypoint - coast_position;
         let brakable = (limits.acceleration_mps2 * left.norm()).sqrt();
-        let correction = shorten(left / t, brakable);
-        let velocity = shorten(pace + correction, limits.speed_mps);
+        let behind = (waypoint - from.position) / t - pace;
+        let correction = behind * T::of(1.0 - PACE) + left * (T::of(CORRECTION) / t);
+        let velocity = shorten(pace + shorten(correction, brakable), limits.speed_mps);
         let wanted = shorten((velocity - coast_velocity) / t, limits.acceleration_mps2);
         let change = shorten(wanted - from.acceleration, limits.jerk_mps3 * t);
         let toward = |share: T| {

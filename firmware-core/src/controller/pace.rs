@@ -16,7 +16,7 @@ pub(super) struct Pace<T: Scalar> {
     held_m: T,
     /// See [`Agility`].
     gain_m: T,
-    lag_m: T,
+    drift_m: [T; 2],
     /// From where to where the last slot was flown.
     leg: Option<(Position<T>, Position<T>)>,
     /// How many slots in a row nearly everything was asked for, and the most that came of it.
@@ -30,15 +30,13 @@ impl<T: Scalar> Pace<T> {
 
     pub(super) fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let Agility {
-            reach_m,
-            gain_m,
-            lag_m,
+            reach_m, gain_m, ..
         } = Agility::ideal(mission);
         Self {
             reach_m,
             held_m: reach_m,
             gain_m,
-            lag_m,
+            drift_m: [T::zero(); 2],
             leg: None,
             asked: 0,
             best_m: T::zero(),
@@ -48,10 +46,6 @@ impl<T: Scalar> Pace<T> {
     /// For a vehicle with inertia: see [`Controller::rely_on_acceleration`](super::Controller).
     pub(super) fn rely_on_acceleration(&mut self, acceleration_mps2: T, slot_s: T) {
         self.gain_m = acceleration_mps2 * slot_s * slot_s;
-        if self.gain_m.finite() {
-            // A slot passes before a change of mind shows.
-            self.lag_m = self.reach_m;
-        }
     }
 
     /// What the shield counts on.
@@ -59,7 +53,7 @@ impl<T: Scalar> Pace<T> {
         Agility {
             reach_m: self.held_m,
             gain_m: self.gain_m,
-            lag_m: self.lag_m,
+            drift_m: self.drift_m,
         }
     }
 
@@ -73,6 +67,7 @@ impl<T: Scalar> Pace<T> {
         let Some((from, waypoint)) = self.leg else {
             return;
         };
+        self.drift_m = (measured - from).into();
         let nearly_all = self.reach_m * T::of(0.99);
         let flown_m = (measured - from).norm().min(self.reach_m);
         self.held_m = self.held_m.max(flown_m);

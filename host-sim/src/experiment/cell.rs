@@ -138,12 +138,10 @@ impl fmt::Display for Cell {
 /// What learns, with which of the trainer's presets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Learner {
-    /// SAC with the discount and learning rates that were found best.
+    /// SAC with the settings that were found best.
     Sac,
     /// SAC with Table I's settings.
     SacTableOne,
-    /// SAC beyond the paper's Alg. 2.
-    SacExtended,
     /// DDPG with Table I's settings.
     Ddpg,
 }
@@ -154,7 +152,6 @@ impl Learner {
         match self {
             Self::Sac => ["sac", "tuned"],
             Self::SacTableOne => ["sac", "paper"],
-            Self::SacExtended => ["sac", "extended"],
             Self::Ddpg => ["ddpg", "paper"],
         }
     }

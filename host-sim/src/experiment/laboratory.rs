@@ -203,12 +203,11 @@ impl<'a> Laboratory<'a> {
     }
 
     /// The seeds of a training whose policies are to be flown: with a trainer all that were asked
-    /// for, without one those that are there, and of the paper's learners the first in any case.
+    /// for, without one those that are there, and the first in any case.
     pub fn seeds(&self, cell: Cell, learner: Learner) -> Vec<Training> {
         let all = (1..=self.settings.seeds).map(|seed| Training::new(cell, learner, seed));
         all.filter(|training| {
-            let is_needed = training.seed == 1 && learner != Learner::SacExtended;
-            is_needed || self.settings.trainer.is_some() || self.find(training).is_some()
+            training.seed == 1 || self.settings.trainer.is_some() || self.find(training).is_some()
         })
         .collect()
     }

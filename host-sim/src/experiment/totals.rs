@@ -29,12 +29,10 @@ pub(super) use verdicts::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Approach {
-    /// SAC with the discount and learning rates that were found best.
+    /// SAC with the settings that were found best.
     Sac,
     /// SAC with Table I's settings.
     SacTableOne,
-    /// SAC beyond the paper's Alg. 2.
-    SacExtended,
     /// DDPG with Table I's settings.
     Ddpg,
     /// Straight to the destination, the nearest admissible user.
@@ -57,7 +55,6 @@ impl Approach {
         match self {
             Self::Sac => "SAC",
             Self::SacTableOne => "SAC, Table I",
-            Self::SacExtended => "SAC, extended",
             Self::Ddpg => "DDPG",
             Self::StraightLine => "straight line",
             Self::Search => "search",
@@ -76,7 +73,6 @@ impl Approach {
             Self::StraightLine | Self::FixedUserPower => 2,
             Self::Search | Self::FixedSensorPower => 3,
             Self::SacTableOne => 4,
-            Self::SacExtended => 6,
             Self::Bound => 5,
         }]
     }
@@ -86,7 +82,6 @@ impl Approach {
         match self {
             Self::Sac | Self::FixedUserPower | Self::FixedSensorPower => Some(Learner::Sac),
             Self::SacTableOne => Some(Learner::SacTableOne),
-            Self::SacExtended => Some(Learner::SacExtended),
             Self::Ddpg => Some(Learner::Ddpg),
             Self::StraightLine | Self::Search | Self::Bound | Self::FixedPosition => None,
         }
@@ -159,32 +154,14 @@ fn cells(experiment: Experiment) -> Vec<Cell> {
 /// The approaches of a figure, in the paper's order.
 fn approaches(experiment: Experiment) -> &'static [Approach] {
     use Approach::{
-        Bound, Ddpg, FixedPosition, FixedSensorPower, FixedUserPower, Sac, SacExtended,
-        SacTableOne, Search, StraightLine,
+        Bound, Ddpg, FixedPosition, FixedSensorPower, FixedUserPower, Sac, SacTableOne, Search,
+        StraightLine,
     };
     match experiment {
         Experiment::Noise => &[Sac],
         Experiment::Strategies => &[Sac, FixedPosition, FixedUserPower, FixedSensorPower],
         Experiment::MissionTime => &[Sac, FixedPosition, FixedUserPower, FixedSensorPower, Bound],
-        _ => &[
-            Sac,
-            SacTableOne,
-            SacExtended,
-            Ddpg,
-            StraightLine,
-            Search,
-            Bound,
-        ],
-    }
-}
-
-/// Whether an approach is trained on a mission: what has the paper's settings at Table I's noise,
-/// the extended SAC where more noise leaves the others short of the bound.
-fn is_compared(cell: &Cell, approach: Approach) -> bool {
-    match approach {
-        Approach::SacTableOne | Approach::Ddpg => cell.noise_dbm == NOISE_DBM,
-        Approach::SacExtended => cell.noise_dbm == HIGH_NOISE_DBM,
-        _ => true,
+        _ => &[Sac, SacTableOne, Ddpg, StraightLine, Search, Bound],
     }
 }
 
@@ -205,18 +182,12 @@ pub(super) fn measure(
     let mut plan = Vec::new();
     for cell in cells(experiment) {
         for &approach in approaches(experiment) {
-            if !is_compared(&cell, approach) {
-                continue;
-            }
             let policy = match approach {
                 Approach::StraightLine => PolicyChoice::StraightLine,
                 Approach::FixedPosition => PolicyChoice::Fixed,
                 _ => {
                     if let Some(learner) = approach.learner() {
                         let seeds = laboratory.seeds(cell, learner);
-                        if seeds.is_empty() {
-                            continue;
-                        }
                         let seeds = seeds.into_iter();
                         trainings.extend(seeds.map(|training| (cell, approach, training)));
                     }
