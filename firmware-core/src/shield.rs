@@ -193,15 +193,17 @@ impl<T: Scalar> ReachableSet<T> {
     /// it can brake before the border of the area, and turn back to the destination in time.
     ///
     /// Towards a border, a step `s` leaves as much room as stopping from it takes:
-    /// `s + s^2 / (2 gain) <= room`, after a slot that goes on as the last one did. Towards the
-    /// destination the same holds of what a step falls short of full speed there: with `r_0` now
-    /// and `s` short of closing in at full `reach`, the distance that remains is
-    /// `r_0 - reach + s`, and regaining that speed costs `s^2 / (2 gain)` more.
+    /// `s + s^2 / (2 gain) <= room`, after a slot that goes on as the last one did. On the way
+    /// home the same holds of what a step lacks of full speed straight to the destination, as a
+    /// vector: it is lost, and regaining it costs `s^2 / (2 gain)` more, out of what the slots
+    /// that are left have to spare.
     ///
-    /// No more is ever asked than to close in at full `reach`, and nothing around the destination
-    /// from where stopping stays within `V_max delta` of it: there the vehicle has arrived. So
-    /// the two discs have a place in common wherever those of `F_n` do. Where braking before a
-    /// border excludes that place, the way leads straight to the destination nevertheless.
+    /// So the home disc is one about the place ahead on the way home, within that of `F_n`; where
+    /// that takes more than there is to spare it is that of `F_n`. Nothing is asked around the
+    /// destination from where stopping stays within `V_max delta` of it: there the vehicle has
+    /// arrived. The two discs have a place in common wherever those of `F_n` do. Where braking
+    /// before a border excludes that place, the way leads straight to the destination
+    /// nevertheless.
     pub fn of_slot_with<const M: usize, const J: usize>(
         mission: &Mission<T, M, J>,
         slot: u32,
