@@ -4,10 +4,10 @@ mod flight;
 
 use firmware_core::Position;
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
-use firmware_core::autopilot::{Coordinates, Phase};
+use firmware_core::autopilot::{Coordinates, Phase, Settings};
 use firmware_core::time::{Duration, Instant};
 use flight::{ALTITUDE_M, Flight, SLOT, ready};
-use host_sim::vehicle::{FlightMode, Profile, Vehicle};
+use host_sim::vehicle::{FlightMode, Profile, Vehicle, VehicleSettings};
 use mavlink::dialects::common::{
     COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavMessage, MavResult,
     PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
@@ -50,6 +50,40 @@ fn missed(flight: &mut Flight, length_m: f64, slots: u32) -> Vec<f64> {
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
+}
+
+/// The local frame's origin becomes known after the first position: the vehicle stays over its
+/// place all the same, wherever on the map that is.
+#[test]
+fn a_vehicle_takes_off_straight_up() {
+    let place = Position::new(700.0, 420.0);
+    for profile in [Profile::Multirotor, Profile::ArduCopter, Profile::Px4] {
+        for coordinates in [Coordinates::Local, Coordinates::Global] {
+            let settings = Settings {
+                coordinates,
+                start: place,
+                ..flight::settings(profile)
+            };
+            let vehicle = VehicleSettings::new(profile, flight::origin(), place);
+            let mut flight = Flight::new(settings, vehicle);
+            flight.client.launch(flight.now);
+            let (mut strayed_m, mut seen) = (0.0_f64, 0);
+            flight.run_until(Duration::from_secs(300), |flight| {
+                let phase = flight.client.phase();
+                if let Some(sample) = flight.client.position()
+                    && matches!(phase, Phase::TakingOff | Phase::Transit)
+                {
+                    strayed_m = strayed_m.max((sample.position - place).norm());
+                    seen += 1;
+                }
+                phase == Phase::Ready
+            });
+            assert!(
+                strayed_m < 1.0 && seen > 100,
+                "{profile}: {strayed_m} m, {seen}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -85,9 +85,12 @@ impl<T: Scalar> MapFrame<T> {
         self.origin
     }
 
-    /// The autopilot said where its local frame begins.
-    pub fn set_local_origin(&mut self, origin: Geodetic) {
+    /// The autopilot said where its local frame begins. Returns by how much what was placed on
+    /// the map before has to move.
+    pub fn set_local_origin(&mut self, origin: Geodetic) -> Displacement<T> {
+        let before = self.local_origin;
         self.local_origin = self.origin.displacement_to(origin);
+        self.local_origin - before
     }
 
     /// Map position of a local north, east.

@@ -52,10 +52,13 @@ impl<T: Scalar> Autopilot<T> {
             MavMessage::GPS_GLOBAL_ORIGIN(origin) => {
                 // In flight the frame of reference stays; a moved origin shows as a jump.
                 if matches!(self.phase, Phase::Checking | Phase::Standby) {
-                    self.map.set_local_origin(Geodetic {
+                    let moved = self.map.set_local_origin(Geodetic {
                         latitude_e7: origin.latitude,
                         longitude_e7: origin.longitude,
                     });
+                    if let Some(sample) = &mut self.telemetry.sample {
+                        sample.position += moved;
+                    }
                     self.telemetry.origin_known = true;
                 }
             }
