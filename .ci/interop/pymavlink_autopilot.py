@@ -157,6 +157,8 @@ class Autopilot(threading.Thread):
             if not m.param1 and self.position[2] < -0.1:
                 return 4
             self.armed = bool(m.param1)
+            # On the ground, and told so before it noticed itself.
+            self.landed = not self.armed
         elif m.command == wire.MAV_CMD_NAV_TAKEOFF and self.armed and self.mode == GUIDED:
             self.climbing_to = m.param7
         elif m.command == wire.MAV_CMD_NAV_LAND:
