@@ -82,8 +82,7 @@ pub struct ValueToGo {
 }
 
 impl ValueToGo {
-    /// Of an environment's mission, at its prices and with its way of choosing powers. A tenth
-    /// of a second for the shipped missions.
+    /// Of an environment's mission, at its prices and with its way of choosing powers.
     pub fn new<T: Scalar>(environment: &Environment<T>) -> Self {
         let mut environment = environment.clone();
         let mission = environment.mission();

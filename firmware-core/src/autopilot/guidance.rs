@@ -10,8 +10,7 @@
 //! * a **leg** reaches its way-point at the slot's end, passing through it with the mean
 //!   velocity of the leg. Where [`Limits`] do not allow that (from rest, round a sharp corner,
 //!   to a place that lies behind) the acceleration moves, linearly over the leg, to what chases
-//!   the way-points best: what would reach the way-point, mixed with the way-points' own
-//!   velocity, plus a correction no faster than can be braked.
+//!   the way-points best: their own velocity, plus a correction no faster than can be braked.
 //! * a **transit** goes from rest to rest, in the least time the limits allow.
 //! * a **stop** follows whatever was not continued: the last reference decelerates to rest.
 //!   A stream never ends with a velocity in it.
