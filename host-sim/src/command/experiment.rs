@@ -25,7 +25,7 @@ pub(crate) struct ExperimentArguments {
     /// Where shipped policies (cells/*.onnx), bounds.csv and learning_curves.csv lie
     #[arg(long, default_value = "models", value_name = "DIR")]
     models: PathBuf,
-    /// Train the policies that are missing with the trainer beside this program: about two minutes
+    /// Train the policies that are missing with the trainer beside this program: some three minutes
     /// each on one core. Runs are kept in DIR: what is finished is never trained again, what was
     /// stopped goes on
     #[arg(long)]
