@@ -113,6 +113,40 @@ impl<T: Scalar> Agility<T> {
         }
     }
 
+    /// As [`allowed_m`](Self::allowed_m), where the mission ends before the vehicle would be at
+    /// rest: after `slots_after` more slots, each of which may lose `gain`.
+    fn ended_m(&self, last_m: T, room_m: T, slots_after: u32) -> T {
+        let slots = T::count(slots_after as usize);
+        let braked_m = self.gain_m * slots * (slots - T::one()).max(T::zero()) / T::of(2.0);
+        // The next slot still goes as far as this one ends with.
+        let step_m = (room_m + braked_m) / (slots + T::one());
+        let at_rest_before = step_m < self.gain_m * slots;
+        // A slot goes on as the last one did before it changes.
+        if at_rest_before || last_m > step_m + self.gain_m {
+            T::zero()
+        } else {
+            step_m
+        }
+    }
+
+    /// The longest step that is asked for on the way home, `way`, with `slots_left` to go, this one
+    /// included: none from which the vehicle would fly past the destination and out of `V_max
+    /// delta = arrival_m` around it, as far as the way home leaves a choice. A step `s` goes on
+    /// for half a slot before braking shows: `3/2 s + s^2 / (2 gain)`.
+    fn step_beside(&self, way: Displacement<T>, slots_left: u32, arrival_m: T) -> T {
+        let away_m = way.norm();
+        let room_m = away_m + arrival_m * T::of(PASSING_SHARE);
+        let stoppable_m = self.largest_m(T::of(1.5), room_m);
+        let needed_m = (away_m - arrival_m * T::of(ARRIVAL_SHARE)) / T::count(slots_left as usize);
+        // To the destination itself is never too far.
+        let there_m = if away_m <= arrival_m {
+            away_m
+        } else {
+            T::zero()
+        };
+        self.step_m.min(stoppable_m.max(needed_m).max(there_m))
+    }
+
     /// The largest step `s` from which a vehicle that makes it can still come to rest within
     /// `room_m`: `s + s^2 / (2 gain) = room`.
     fn stoppable_m(&self, room_m: T) -> T {
@@ -144,10 +178,15 @@ impl<T: Scalar> Agility<T> {
 
 /// The share of `V_max delta` within which a vehicle with inertia is to arrive. Where it turns
 /// back as late as it may, every imprecision of its flight adds to the distance that remains.
-const ARRIVAL_SHARE: f64 = 0.5;
+const ARRIVAL_SHARE: f64 = 0.4;
+/// The share of `V_max delta` past the destination within which a vehicle with inertia has to be
+/// able to stop.
+const PASSING_SHARE: f64 = 0.5;
 /// The share of `V_max delta` by which a vehicle with inertia keeps off the border of the area,
 /// for the same reason.
 const BORDER_SHARE: f64 = 0.15;
+/// The share of the acceleration that brakes before a border.
+const BORDER_GAIN_SHARE: f64 = 0.5;
 
 impl<T: Scalar> ReachableSet<T> {
     /// The set for going from `from` within `step_m` such that `destination` is at most
@@ -218,11 +257,22 @@ impl<T: Scalar> ReachableSet<T> {
         if !agility.gain_m.finite() && agility.reach_m >= mission.reach_m() {
             return set;
         }
-        set.step.radius_m = set.step.radius_m.min(agility.step_m);
+        set.step.radius_m = agility.step_beside(
+            set.home.center - from,
+            mission.slots().saturating_sub(slot) + 1,
+            mission.reach_m(),
+        );
+        let whole = agility;
         let Rectangle {
             south_west,
             north_east,
         } = &mut set.area;
+        let slots_after = mission.slots().saturating_sub(slot);
+        // A vehicle that turns round brakes along the border, too.
+        let agility = Agility {
+            gain_m: agility.gain_m * T::of(BORDER_GAIN_SHARE),
+            ..*agility
+        };
         for axis in 0..2 {
             let (low, high) = (south_west[axis], north_east[axis]);
             let margin_m = agility.reach_m * T::of(BORDER_SHARE);
@@ -236,12 +286,14 @@ impl<T: Scalar> ReachableSet<T> {
                 let last_m = last_m.max(T::zero());
                 // Too late for that: with more than can be relied on.
                 let braked_m = (last_m - agility.gain_m * T::of(2.0)).max(T::zero());
-                agility.allowed_m(last_m, room_m).unwrap_or(braked_m)
+                let allowed_m = agility.allowed_m(last_m, room_m).unwrap_or(braked_m);
+                allowed_m.max(agility.ended_m(last_m, room_m, slots_after))
             };
             south_west[axis] = (inside - step_m(-drift_m, inside - low)).max(low);
             north_east[axis] = (inside + step_m(drift_m, high - inside)).min(high);
         }
         let home = set.home.center - from;
+        let agility = whole;
         let away_m = home.norm();
         let slots_left = T::count((mission.slots().saturating_sub(slot) + 1) as usize);
         let spare_m = (slots_left + T::of(ARRIVAL_SHARE)) * agility.reach_m - away_m;
@@ -252,7 +304,7 @@ impl<T: Scalar> ReachableSet<T> {
         let short_m = short_m.unwrap_or(T::zero());
         // From one side of the destination to the other is twice the radius.
         let arrived_m = agility.stoppable_m(mission.reach_m()) / T::of(2.0);
-        let ahead_m = agility.step_m.min(away_m);
+        let ahead_m = set.step.radius_m.min(away_m);
         if away_m - agility.reach_m + short_m <= arrived_m {
             set.home.radius_m = set.home.radius_m.min(arrived_m);
         } else if away_m - ahead_m + short_m <= set.home.radius_m {
@@ -262,6 +314,9 @@ impl<T: Scalar> ReachableSet<T> {
                 radius_m: short_m,
             };
         }
+        // The two discs have to meet, however short the step should be.
+        let gap_m = (set.home.center - from).norm() - set.home.radius_m;
+        set.step.radius_m = set.step.radius_m.max(gap_m.min(agility.step_m));
         set
     }
 

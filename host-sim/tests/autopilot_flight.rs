@@ -21,7 +21,7 @@ fn the_ideal_vehicle_is_at_every_waypoint_at_the_slots_end() {
         for (n, waypoint) in zigzag().into_iter().enumerate() {
             let end = begin + SLOT * (n as u32 + 1);
             let ended = flight.fly_leg(waypoint, end);
-            assert!(!ended.late);
+            assert!(!ended.tick.extrapolated);
             assert!(ended.missed_m <= tolerance, "leg {n}: {ended:?}");
             assert!((flight.vehicle.true_position() - waypoint).norm() <= tolerance);
             assert_eq!(flight.now, end, "the slot grid is kept");

@@ -37,7 +37,7 @@ fn fly(faults: &Faults, seed: u64) -> Outcome {
         let waypoint = start() + 25.0 * nalgebra::Vector2::new(angle.cos(), angle.sin());
         let ended = flight.fly_leg(waypoint, begin + SLOT * (n + 1));
         let truth = flight.vehicle.true_position();
-        if ended.late {
+        if ended.tick.extrapolated {
             outcome.late += 1;
         } else {
             outcome.worst_m = outcome.worst_m.max(distance(truth, waypoint));

@@ -101,17 +101,24 @@ fn over_udp_the_ideal_vehicle_is_at_every_waypoint_at_the_slots_end() {
     };
     flight.client.launch(flight.now());
     flight.run_until(|flight| flight.client.phase() == Phase::Ready);
-    let begin = flight.now();
+    let now = flight.now();
+    let begin = flight
+        .client
+        .vehicle_time(now)
+        .expect("it has said where it is");
     for (n, waypoint) in zigzag().into_iter().enumerate() {
         let end = begin + SLOT * (n as u32 + 1);
         let ended = flight.fly_leg(Leg { waypoint, end });
         // Every leg is confirmed in time at its waypoint, unless the machine stood still.
         let silence = flight.silence.max(flight.heard.elapsed());
         assert!(
-            !ended.late || silence >= STALL,
+            !ended.tick.extrapolated || silence >= STALL,
             "leg {n}: {ended:?} after {silence:?}"
         );
-        assert!(ended.late || ended.missed_m <= 1e-3, "leg {n}: {ended:?}");
+        assert!(
+            ended.tick.extrapolated || ended.missed_m <= 1e-3,
+            "leg {n}: {ended:?}"
+        );
     }
     let land = flight.now();
     flight.client.land(land);

@@ -471,6 +471,14 @@ impl<T: Scalar> Guide<T> {
         } else {
             Vector2::zeros()
         };
+        // A waypoint that was never reached says little about where waypoints go: what leads to
+        // the next one is enough.
+        let leg_s = T::of(end.since(now).as_secs_f64());
+        let pace = if leg_s > T::zero() {
+            shorten(pace, (waypoint - from.position).norm() * T::of(2.0) / leg_s)
+        } else {
+            pace
+        };
         self.last = (waypoint, end);
         let leg = Trajectory::leg(now, end, from, waypoint, pace, &self.limits);
         self.replace(leg);

@@ -14,8 +14,8 @@ use crate::{
 pub(super) struct Pace<T: Scalar> {
     /// `V_max delta`, metres.
     reach_m: T,
-    /// By how much a slot may go further than asked, metres: kept free below `reach_m`. Zero for a
-    /// vehicle that is where it is sent.
+    /// By how much a slot may go further than the longest step that is asked for, metres: kept
+    /// free below `reach_m`. Zero for a vehicle that is where it is sent.
     tracking_m: T,
     /// What the shield counts on, metres a slot.
     held_m: T,
@@ -39,7 +39,7 @@ impl<T: Scalar> Pace<T> {
     /// speed.
     const GAINS: f64 = 0.05;
     /// What is kept free at first, share of `V_max delta`.
-    const TRACKING: f64 = 0.015;
+    const TRACKING: f64 = 0.02;
     /// The largest share that is kept free.
     const TRACKING_MOST: f64 = 0.1;
     /// A slower vehicle is asked for this much more than it has shown, so that it can show more.
@@ -102,9 +102,9 @@ impl<T: Scalar> Pace<T> {
         self.drift_m = way.into();
         let (asked_m, flown_m) = (asked.norm(), way.norm());
         if self.gain_m.finite() {
-            let beyond_m = (flown_m - asked_m) * T::of(1.5);
-            let most_m = self.reach_m * T::of(Self::TRACKING_MOST);
-            self.tracking_m = self.tracking_m.max(beyond_m.min(most_m));
+            let beyond_m = (flown_m - self.most_m()) * T::of(1.5);
+            let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
+            self.tracking_m = self.tracking_m.max(beyond_m.min(largest_m));
         }
         self.held_m = self.held_m.max(flown_m.min(self.most_m()));
         let gains = flown_m > last_m + asked_m * T::of(Self::GAINS);
