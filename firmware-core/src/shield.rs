@@ -184,9 +184,9 @@ const ARRIVAL_SHARE: f64 = 0.4;
 const PASSING_SHARE: f64 = 0.5;
 /// The share of `V_max delta` by which a vehicle with inertia keeps off the border of the area,
 /// for the same reason.
-const BORDER_SHARE: f64 = 0.15;
+const BORDER_SHARE: f64 = 0.2;
 /// The share of the acceleration that brakes before a border.
-const BORDER_GAIN_SHARE: f64 = 0.5;
+const BORDER_GAIN_SHARE: f64 = 0.4;
 
 impl<T: Scalar> ReachableSet<T> {
     /// The set for going from `from` within `step_m` such that `destination` is at most

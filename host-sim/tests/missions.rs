@@ -79,14 +79,12 @@ impl Policy<f64, USERS_MAX> for Wanderer {
     }
 }
 
-/// Slow and fast vehicles with inertia, sent about at random until the shield sends them home:
-/// nearly all arrive without having left the area. (For one that flies past the destination or
-/// along a border at full speed that is not certain.)
+/// Slow and fast vehicles with inertia, sent about at random until the shield sends them home: all
+/// arrive without having broken a constraint.
 #[test]
 fn a_vehicle_with_inertia_arrives_from_wherever_it_is_sent() {
     let shipped = Scenario::shipped("separated").unwrap();
-    let one: Option<u64> = std::env::var("SEED").ok().and_then(|s| s.parse().ok());
-    let distances: Vec<f64> = (one.unwrap_or(0)..one.map_or(500_u64, |s| s + 1))
+    let distances: Vec<f64> = (0..500_u64)
         .into_par_iter()
         .map(|seed| {
             let mut random = Pcg64Mcg::seed_from_u64(seed);
@@ -124,13 +122,6 @@ fn a_vehicle_with_inertia_arrives_from_wherever_it_is_sent() {
                 fly(&scenario, policy, &settings, peer, &mut ()).unwrap_or_else(|failed| {
                     panic!("seed {seed}, {profile}, {} m/s: {}", reach_m, failed.error)
                 });
-            if one.is_some() {
-                let mut from = start;
-                for s in &record.slots {
-                    println!("{:.1?} {} asked {:.2} flown {:.2} missed {:.2} dist {:.2} late {:.3} {:?} {:?}", s.flown, s.slot, (s.planned-from).norm(), (s.flown-from).norm(), (s.flown-s.planned).norm(), (s.flown-destination).norm(), s.tick.lateness.as_secs_f64(), s.tick.extrapolated, s.intervention);
-                    from = s.flown;
-                }
-            }
             let summary = record.summary();
             assert!(summary.fair, "seed {seed}: {summary:#?}");
             if summary.constraint_violations > 0 {
@@ -147,7 +138,7 @@ fn a_vehicle_with_inertia_arrives_from_wherever_it_is_sent() {
         .count();
     let acted = distances.iter().filter(|&&distance| distance > 0.3).count();
     println!("{broken} of 500 broke a constraint; {acted} were sent home just in time");
-    assert!(broken <= 10, "{broken}");
+    assert_eq!(broken, 0);
     assert!(acted > 250, "{acted}");
 }
 

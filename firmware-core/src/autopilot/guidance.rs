@@ -123,6 +123,9 @@ const HALVINGS: usize = 9;
 /// swings for ever. Without any pace a fast vehicle overshoots a place to hover at again and again.)
 const PACE: f64 = 0.3;
 const CORRECTION: f64 = 0.35;
+/// The share of a leg's mean acceleration that it ends with. With all of it a vehicle gathers speed
+/// soonest; with none a change of mind shows soonest.
+const KEPT: f64 = 0.5;
 /// Times that are tried for a stop, and by what factor each is longer than the last.
 const STOPS: usize = 20;
 const STOP_GROWTH: f64 = 1.04;
@@ -267,7 +270,6 @@ impl<T: Scalar> Trajectory<T> {
         let t = T::of(span.as_secs_f64());
         let (half, third) = (T::of(0.5), T::of(1.0 / 3.0));
         // Where letting go would lead.
-        let coast_velocity = from.velocity + from.acceleration * (t * half);
         let coast_position = from.position + (from.velocity + from.acceleration * (t * third)) * t;
         // Beside the way-points' own velocity, no more than can be braked with half of the
         // acceleration over what is left.
@@ -276,15 +278,20 @@ impl<T: Scalar> Trajectory<T> {
         let behind = (waypoint - from.position) / t - pace;
         let correction = behind * T::of(1.0 - PACE) + left * (T::of(CORRECTION) / t);
         let velocity = shorten(pace + shorten(correction, brakable), limits.speed_mps);
-        let wanted = shorten((velocity - coast_velocity) / t, limits.acceleration_mps2);
-        let change = shorten(wanted - from.acceleration, limits.jerk_mps3 * t);
+        let wanted = shorten((velocity - from.velocity) / t, limits.acceleration_mps2);
+        let let_go = from.acceleration * half;
+        // A share of zero lets go: the acceleration fades linearly. Otherwise it is a parabola
+        // over the leg, with the mean that is wanted, and ends with a share of it.
         let toward = |share: T| {
-            let acceleration = (from.acceleration + change) * share;
+            let mean = let_go + (wanted - let_go) * share;
+            let acceleration = wanted * (share * T::of(KEPT));
+            let bend = (from.acceleration + acceleration) * T::of(3.0) - mean * T::of(6.0);
+            let slope = acceleration - from.acceleration - bend;
+            let moved =
+                from.acceleration * half + slope * T::of(1.0 / 6.0) + bend * T::of(1.0 / 12.0);
             let to = Motion {
-                position: from.position
-                    + from.velocity * t
-                    + (from.acceleration * third + acceleration * T::of(1.0 / 6.0)) * (t * t),
-                velocity: from.velocity + (from.acceleration + acceleration) * (t * half),
+                position: from.position + from.velocity * t + moved * (t * t),
+                velocity: from.velocity + mean * t,
                 acceleration,
             };
             // The limits must hold while that acceleration fades, too.
