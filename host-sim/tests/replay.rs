@@ -11,13 +11,13 @@ use std::collections::{BTreeMap, VecDeque};
 use firmware_core::Position;
 use firmware_core::autopilot::failsafe::{Cause, Reaction};
 use firmware_core::autopilot::frames::Geodetic;
-use firmware_core::autopilot::wire::{Address, Decoder};
+use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
 use firmware_core::autopilot::{Autopilot, Event, Leg, Phase, Sample, Settings};
 use firmware_core::time::{Duration, Instant};
-use host_sim::vehicle::Profile;
+use host_sim::vehicle::{Profile, Vehicle, VehicleSettings};
 use mavlink::dialects::common::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, GPS_GLOBAL_ORIGIN_DATA, MavCmd, MavMessage, MavResult,
-    PARAM_VALUE_DATA,
+    PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 const TICK: Duration = Duration::from_millis(10);
@@ -430,13 +430,10 @@ fn a_pilot_takes_control_and_it_is_never_taken_back() {
     taken_over("arducopter-pilot-takes-over", "LOITER", 102.8, &said);
 }
 
-/// The error of each sample's time, ms, against the fastest sample of the five seconds around it
-/// and the recording's own clock rate: more than 0 where the client takes it for later than it was.
-fn time_errors_ms(seen: &[Seen]) -> Vec<f64> {
-    let points: Vec<(f64, f64)> = seen
-        .iter()
-        .map(|seen| (seconds(seen.came), f64::from(seen.sample.boot_ms) * 1e-3))
-        .collect();
+/// The recording's clock: seconds of the vehicle's time per second of ours, and for each of the
+/// (received, stamped) times, s, when the message would have come with the delay of the fastest
+/// one of the five seconds around it.
+fn true_times(points: &[(f64, f64)]) -> (f64, Vec<f64>) {
     let n = points.len() as f64;
     let mean = |f: &dyn Fn(&(f64, f64)) -> f64| points.iter().map(f).sum::<f64>() / n;
     let (came, boot) = (mean(&|p| p.0), mean(&|p| p.1));
@@ -445,12 +442,23 @@ fn time_errors_ms(seen: &[Seen]) -> Vec<f64> {
         .iter()
         .map(|(came, boot)| came - boot / rate)
         .collect();
-    let error = |(i, seen): (usize, &Seen)| {
+    let time = |(i, (_, boot)): (usize, &(f64, f64))| {
         let around = &delays[i.saturating_sub(50)..(i + 50).min(delays.len())];
-        let fastest = around.iter().copied().fold(f64::INFINITY, f64::min);
-        (seconds(seen.sample.taken) - (points[i].1 / rate + fastest)) * 1e3
+        boot / rate + around.iter().copied().fold(f64::INFINITY, f64::min)
     };
-    seen.iter().enumerate().map(error).collect()
+    (rate, points.iter().enumerate().map(time).collect())
+}
+
+/// The error of each sample's time, ms, against the fastest sample of the five seconds around it
+/// and the recording's own clock rate: more than 0 where the client takes it for later than it was.
+fn time_errors_ms(seen: &[Seen]) -> Vec<f64> {
+    let points: Vec<(f64, f64)> = seen
+        .iter()
+        .map(|seen| (seconds(seen.came), f64::from(seen.sample.boot_ms) * 1e-3))
+        .collect();
+    let (_, truth) = true_times(&points);
+    let error = |(seen, at): (&Seen, f64)| (seconds(seen.sample.taken) - at) * 1e3;
+    seen.iter().zip(truth).map(error).collect()
 }
 
 /// The whole flight: launched, every leg flown, landed; samples in order and at the right time.
@@ -515,4 +523,171 @@ fn the_px4_flight_is_followed() {
 #[test]
 fn the_px4_flight_of_a_stock_airframe_is_followed() {
     flown("px4-sac-stock-frame", 50, 40.0);
+}
+
+/// A built-in vehicle that hovers at 100 m in the mode that follows setpoints, under a hand that
+/// sends raw messages.
+struct StandIn {
+    vehicle: Vehicle,
+    encoder: Encoder,
+    now: Instant,
+    system: u8,
+}
+
+impl StandIn {
+    fn airborne(profile: Profile, system: u8, clock_rate: f64) -> Self {
+        let parameters: &[(&str, f32)] = match profile {
+            Profile::Px4 => &[
+                ("MPC_XY_VEL_MAX", 35.0),
+                ("MPC_XY_CRUISE", 35.0),
+                ("MPC_ACC_HOR_MAX", 10.0),
+            ],
+            _ => &[
+                ("WPNAV_SPEED", 3500.0),
+                ("WPNAV_ACCEL", 1000.0),
+                ("ANGLE_MAX", 4500.0),
+            ],
+        };
+        let origin = Geodetic::from_degrees(-35.362_812_9, 149.165_787).unwrap();
+        let own = |&(name, value): &(&str, f32)| (name.to_owned(), value);
+        let settings = VehicleSettings {
+            system,
+            clock_rate,
+            parameters: parameters.iter().map(own).collect(),
+            ..VehicleSettings::new(profile, origin, Position::origin())
+        };
+        let mut stand_in = Self {
+            vehicle: Vehicle::new(settings),
+            encoder: Encoder::new(Address {
+                system: 255,
+                component: 191,
+            }),
+            now: Instant::ZERO,
+            system,
+        };
+        stand_in.wait(45.0);
+        let mode = if profile == Profile::Px4 { 6.0 } else { 4.0 };
+        if profile == Profile::Px4 {
+            stand_in.hover(1.0);
+        }
+        stand_in.command(MavCmd::MAV_CMD_DO_SET_MODE, [1.0, mode], 0.0);
+        stand_in.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [1.0, 0.0], 0.0);
+        if profile == Profile::Px4 {
+            stand_in.hover(60.0);
+        } else {
+            stand_in.command(MavCmd::MAV_CMD_NAV_TAKEOFF, [0.0, 0.0], 100.0);
+            stand_in.wait(60.0);
+        }
+        assert!((stand_in.vehicle.altitude_m() - 100.0).abs() < 1.0);
+        stand_in
+    }
+
+    fn send(&mut self, message: &MavMessage) {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = self.encoder.encode(message, &mut buffer);
+        self.vehicle.receive(self.now, frame);
+    }
+
+    fn wait(&mut self, seconds: f64) {
+        self.now += Duration::from_secs_f64(seconds);
+        self.vehicle.step(self.now);
+    }
+
+    fn command(&mut self, command: MavCmd, [param1, param2]: [f32; 2], param7: f32) {
+        self.send(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            command,
+            param1,
+            param2,
+            param7,
+            target_system: self.system,
+            target_component: 1,
+            ..COMMAND_LONG_DATA::DEFAULT
+        }));
+    }
+
+    fn hover(&mut self, seconds: f64) {
+        for _ in 0..(seconds * 10.0) as usize {
+            self.send(&MavMessage::SET_POSITION_TARGET_LOCAL_NED(
+                SET_POSITION_TARGET_LOCAL_NED_DATA {
+                    z: -100.0,
+                    target_system: self.system,
+                    target_component: 1,
+                    ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT
+                },
+            ));
+            self.wait(0.1);
+        }
+    }
+}
+
+/// The recorded setpoints, at the times at which they were sent, into the built-in vehicle: where
+/// it is against where the real one was, m (root of the mean square, and at most).
+fn distance_m(profile: Profile, name: &str) -> (f64, f64) {
+    let records = records(name);
+    let mut setpoints = Vec::new();
+    let mut samples = Vec::new();
+    for record in &records {
+        match &record.message {
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(setpoint) => {
+                setpoints.push((seconds(record.at), setpoint));
+            }
+            MavMessage::LOCAL_POSITION_NED(sample) => {
+                samples.push((
+                    seconds(record.at),
+                    f64::from(sample.time_boot_ms) * 1e-3,
+                    sample,
+                ));
+            }
+            _ => {}
+        }
+    }
+    let points: Vec<(f64, f64)> = samples.iter().map(|s| (s.0, s.1)).collect();
+    let (rate, times) = true_times(&points);
+    // From the first setpoint that moves, above, to the last.
+    let moves = |(_, s): &&(f64, &SET_POSITION_TARGET_LOCAL_NED_DATA)| {
+        s.vx.hypot(s.vy) > 0.0 && s.z < -98.0
+    };
+    let begin = setpoints.iter().find(moves).unwrap().0;
+    let end = setpoints.last().unwrap().0;
+    let mut stand_in = StandIn::airborne(profile, setpoints[0].1.target_system, rate);
+    let zero = seconds(stand_in.now) - begin;
+    let (mut squares, mut most, mut number) = (0.0, 0.0_f64, 0);
+    let mut setpoints = setpoints
+        .into_iter()
+        .filter(|(at, _)| *at >= begin)
+        .peekable();
+    for (at, (_, _, sample)) in times.into_iter().zip(&samples) {
+        if at < begin || at > end {
+            continue;
+        }
+        while let Some((sent, setpoint)) = setpoints.next_if(|(sent, _)| *sent <= at) {
+            stand_in.now = Instant::from_micros(((zero + sent) * 1e6) as u64);
+            stand_in.send(&MavMessage::SET_POSITION_TARGET_LOCAL_NED(setpoint.clone()));
+        }
+        stand_in.now = Instant::from_micros(((zero + at) * 1e6) as u64);
+        stand_in.vehicle.step(stand_in.now);
+        // The body moves in steps of 10 ms of its own time.
+        let rest = (zero + at) * rate % 0.01;
+        let place = stand_in.vehicle.true_position() + stand_in.vehicle.velocity() * rest;
+        let off = place - Position::new(f64::from(sample.y), f64::from(sample.x));
+        squares += off.norm_squared();
+        most = most.max(off.norm());
+        number += 1;
+    }
+    assert!(number > 1000, "{number}");
+    ((squares / f64::from(number)).sqrt(), most)
+}
+
+/// With the recorded setpoints at their recorded times, from the start to the landing.
+#[test]
+fn the_built_in_vehicles_fly_as_the_recorded_ones_did() {
+    for (profile, name, limit_m) in [
+        (Profile::ArduCopter, "arducopter-sac", 0.6),
+        (Profile::Px4, "px4-sac", 0.7),
+    ] {
+        let (rms, most) = distance_m(profile, name);
+        println!("{name}: {rms:.2} m rms, at most {most:.2} m");
+        assert!(rms < limit_m, "{name}: {rms} m");
+        assert!(most < 4.0 * limit_m, "{name}: {most} m");
+    }
 }

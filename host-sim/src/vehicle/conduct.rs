@@ -118,6 +118,13 @@ impl Vehicle {
             target.velocity = None;
         }
         target.age_s = age.as_secs_f64();
+        if age < self.body.setpoint_delay()
+            && let Some(previous) = self.previous
+            && target.velocity.is_some()
+        {
+            target = previous.target;
+            target.age_s = (self.time - previous.came).as_secs_f64();
+        }
         Demand::Track(target)
     }
 

@@ -127,9 +127,9 @@ impl Parameters {
                 let lean = (number("ANGLE_MAX") / 100.0).to_radians().min(1.4).tan();
                 Ability {
                     // 30 degrees of lean hold 30 m/s against the drag.
-                    speed_mps: ability
-                        .speed_mps
-                        .min(number("WPNAV_SPEED") / 100.0)
+                    speed_mps: ability.speed_mps.min(number("WPNAV_SPEED") / 100.0),
+                    airspeed_mps: ability
+                        .airspeed_mps
                         .min(30.0 * (lean / 30f64.to_radians().tan()).sqrt()),
                     acceleration_mps2: ability
                         .acceleration_mps2
