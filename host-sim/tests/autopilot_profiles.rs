@@ -4,7 +4,7 @@ mod flight;
 
 use firmware_core::Position;
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
-use firmware_core::autopilot::{Coordinates, Phase, Settings};
+use firmware_core::autopilot::{Coordinates, Leg, Phase, Settings};
 use firmware_core::time::{Duration, Instant};
 use flight::{ALTITUDE_M, Flight, SLOT, ready};
 use host_sim::vehicle::{Ability, Airframe, FlightMode, Profile, Vehicle, VehicleSettings};
@@ -634,4 +634,54 @@ fn a_dead_vehicle_is_silent() {
     hand.wait(30.0);
     assert!(hand.heard.is_empty());
     assert_eq!(hand.vehicle.mode(), FlightMode::Manual);
+}
+
+/// As recorded: ArduCopter's own failsafes say why and change the mode to RTL, and the client lets
+/// go for good.
+#[test]
+fn arducopter_returns_by_itself_and_the_client_lets_go() {
+    for (name, value, said) in [
+        ("BATT_FS_LOW_ACT", 2.0, "Battery Failsafe"),
+        ("FENCE_ENABLE", 1.0, "Circle fence breached"),
+    ] {
+        let mut flight = ready(Profile::ArduCopter, |_, vehicle| {
+            vehicle.parameters = fast(Profile::ArduCopter);
+            vehicle.parameters.push((name.to_owned(), value));
+            vehicle.parameters.push(("FENCE_RADIUS".to_owned(), 50.0));
+        });
+        let begin = flight.now;
+        flight.vehicle.faults.battery_low = name.starts_with("BATT");
+        for n in 0..12 {
+            let from = flight.client.position().unwrap().position;
+            let waypoint = from + Vector2::new(20.0, 0.0);
+            let end = begin + SLOT * (n + 1);
+            if flight
+                .client
+                .fly_leg(flight.now, Leg { waypoint, end })
+                .is_err()
+            {
+                break;
+            }
+            flight.run_until(SLOT * 2, |flight| {
+                flight.client.leg_ended(flight.now).is_some()
+                    || flight.client.phase() == Phase::Released
+            });
+        }
+        assert_eq!(flight.client.phase(), Phase::Released, "{:#?}", flight.log);
+        assert_eq!(flight.vehicle.mode(), FlightMode::Return);
+        assert!(
+            flight.log.iter().any(|line| line.contains(said)),
+            "{:#?}",
+            flight.log
+        );
+        let count = |flight: &Flight| {
+            let sent = flight.sent.iter().filter(|(_, message)| {
+                matches!(message, MavMessage::SET_POSITION_TARGET_LOCAL_NED(_))
+            });
+            sent.count()
+        };
+        let before = count(&flight);
+        flight.run_for(Duration::from_secs(60));
+        assert_eq!(count(&flight), before, "no setpoint after the release");
+    }
 }

@@ -116,6 +116,8 @@ pub struct Faults {
     pub ignore_setpoints: bool,
     /// Its heartbeats say that the motors stand still.
     pub disarmed: bool,
+    /// The battery's voltage falls below the autopilot's own threshold.
+    pub battery_low: bool,
     /// What the battery shows, percent; `None` for full.
     pub battery_percent: Option<i8>,
 }

@@ -213,7 +213,9 @@ impl Vehicle {
             mavtype: MavType::MAV_TYPE_QUADROTOR,
             autopilot,
             base_mode,
-            system_status: if self.armed && !self.faults.disarmed {
+            system_status: if self.faults.battery_low {
+                MavState::MAV_STATE_CRITICAL
+            } else if self.armed && !self.faults.disarmed {
                 MavState::MAV_STATE_ACTIVE
             } else {
                 MavState::MAV_STATE_STANDBY
