@@ -22,6 +22,9 @@ pub struct Ability {
     pub airspeed_mps: f64,
     /// Largest horizontal acceleration, m/s^2.
     pub acceleration_mps2: f64,
+    /// Drag that the autopilot does not know of, m/s^2 for each m/s through the air. It makes the
+    /// vehicle slower than it is told to be, by more the faster it is.
+    pub drag_per_s: f64,
     /// Largest horizontal jerk, m/s^3.
     pub jerk_mps3: f64,
     /// Rate of climb, m/s.
@@ -231,8 +234,9 @@ impl Body {
         let jerk = ability.jerk_mps3.min(tracking.jerk_mps3);
         let change = clip((wanted - self.acceleration) * part, jerk * dt_s);
         self.acceleration += change;
-        let drag = ability.acceleration_mps2 / ability.airspeed_mps;
-        let acceleration = self.acceleration + air.surprise * drag;
+        let push = air.surprise * (ability.acceleration_mps2 / ability.airspeed_mps);
+        let drag = (self.velocity - air.wind) * ability.drag_per_s;
+        let acceleration = self.acceleration + push - drag;
         self.position += self.velocity * dt_s + acceleration * (0.5 * dt_s * dt_s);
         self.velocity = clip(
             self.velocity + acceleration * dt_s,
@@ -299,10 +303,12 @@ impl Body {
             ),
             _ => (Vector2::zeros(), Vector2::zeros()),
         };
+        // Against the steady wind.
+        let leans = (air.wind - air.surprise) * ability.drag_per_s;
         let velocity = clip(velocity, ability.speed_mps);
         let velocity = air.wind + clip(velocity - air.wind, ability.airspeed_mps);
         clip(
-            feedforward + (velocity - self.velocity) * tracking.velocity_gain,
+            feedforward + (velocity - self.velocity) * tracking.velocity_gain - leans,
             (ability.acceleration_mps2 * tracking.headroom).min(tracking.acceleration_mps2),
         )
     }
