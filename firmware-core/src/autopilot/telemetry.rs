@@ -85,7 +85,7 @@ pub(super) struct Telemetry<T: Scalar> {
     pub(super) origin_known: bool,
 }
 
-/// A position that is less accurate than this on the ground is none to fly by, m.
+/// A position on the ground whose standard deviation is larger than this does not count, m.
 const WORST_ACCURACY_M: f32 = 10.0;
 
 /// An older sample than this before the latest means that the autopilot started anew.

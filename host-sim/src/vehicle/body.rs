@@ -303,7 +303,7 @@ impl Body {
             ),
             _ => (Vector2::zeros(), Vector2::zeros()),
         };
-        // Against the steady wind.
+        // The autopilot leans against the steady wind.
         let leans = (air.wind - air.surprise) * ability.drag_per_s;
         let velocity = clip(velocity, ability.speed_mps);
         let velocity = air.wind + clip(velocity - air.wind, ability.airspeed_mps);
@@ -313,7 +313,7 @@ impl Body {
         )
     }
 
-    /// Places to stop at, and stopping, are no stream of moving setpoints.
+    /// The fitted constants hold for streams of moving setpoints only.
     fn tracking_of(&self, demand: &Demand) -> Tracking {
         match demand {
             Demand::Track(Target {
