@@ -4,13 +4,13 @@ mod flight;
 
 use firmware_core::Position;
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
-use firmware_core::autopilot::{Coordinates, Phase, Settings};
+use firmware_core::autopilot::{Coordinates, Leg, Phase, Settings};
 use firmware_core::time::{Duration, Instant};
 use flight::{ALTITUDE_M, Flight, SLOT, ready};
-use host_sim::vehicle::{FlightMode, Profile, Vehicle, VehicleSettings};
+use host_sim::vehicle::{Ability, Airframe, FlightMode, Profile, Vehicle, VehicleSettings};
 use mavlink::dialects::common::{
-    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavMessage, MavResult,
-    PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    COMMAND_LONG_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavFrame, MavMessage,
+    MavResult, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use nalgebra::Vector2;
 
@@ -158,6 +158,10 @@ impl Hand {
     fn new(profile: Profile, parameters: &[(&str, f32)]) -> Self {
         let mut settings = flight::vehicle(profile);
         settings.parameters = parameters.iter().map(|&(n, v)| (n.to_owned(), v)).collect();
+        Self::with(settings)
+    }
+
+    fn with(settings: VehicleSettings) -> Self {
         Self {
             now: Instant::ZERO,
             vehicle: Vehicle::new(settings),
@@ -211,10 +215,18 @@ impl Hand {
             target_component: 1,
             ..COMMAND_LONG_DATA::DEFAULT
         }));
-        self.heard.iter().find_map(|message| match message {
-            MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
-            _ => None,
-        })
+        // The answer waits for what was to leave before it.
+        for _ in 0..25 {
+            let answer = self.heard.iter().find_map(|message| match message {
+                MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
+                _ => None,
+            });
+            if answer.is_some() {
+                return answer;
+            }
+            self.wait(0.01);
+        }
+        None
     }
 
     fn said(&self, words: &str) -> bool {
@@ -255,7 +267,11 @@ impl Hand {
 
     /// In the air at 100 m, in the mode that follows setpoints.
     fn airborne(profile: Profile, parameters: &[(&str, f32)]) -> Self {
-        let mut hand = Self::new(profile, parameters);
+        Self::new(profile, parameters).taken_off(profile)
+    }
+
+    fn taken_off(self, profile: Profile) -> Self {
+        let mut hand = self;
         hand.wait(45.0);
         if profile == Profile::Px4 {
             for _ in 0..10 {
@@ -365,8 +381,8 @@ fn arducopter_position_only_targets_lag_and_moving_ones_do_not() {
 fn arducopter_flies_on_for_guid_timeout_when_a_moving_stream_stops() {
     let mut hand = Hand::airborne(Profile::ArduCopter, &FAST);
     let mut place = 0.0;
-    for step in 0..100 {
-        let speed = 30.0 * (f64::from(step) * 0.02).min(1.0);
+    for step in 0..400 {
+        let speed = 30.0 * (f64::from(step) * 0.01).min(1.0);
         place += speed * 0.1;
         hand.setpoint(0.0, place as f32, Some([0.0, speed as f32]), 1);
         hand.wait(0.1);
@@ -447,5 +463,225 @@ fn a_place_on_the_map_is_the_same_for_every_vehicle() {
         flight.run_for(Duration::from_secs(5));
         let off = (flight.vehicle.true_position() - Position::new(90.0, 60.0)).norm();
         assert!(off < 0.5, "{profile}: {off}");
+    }
+}
+
+/// Time, stamp, and message of each position as it left the vehicle, while `hand` waits.
+fn samples(hand: &mut Hand, seconds: f64) -> Vec<(f64, LOCAL_POSITION_NED_DATA)> {
+    let mut samples = Vec::new();
+    for _ in 0..(seconds * 1000.0) as usize {
+        hand.heard.clear();
+        hand.now += Duration::from_millis(1);
+        hand.vehicle.step(hand.now);
+        hand.listen();
+        for message in &hand.heard {
+            if let MavMessage::LOCAL_POSITION_NED(sample) = message {
+                samples.push((hand.now.micros() as f64 * 1e-6, sample.clone()));
+            }
+        }
+    }
+    samples
+}
+
+const SET_INTERVAL: MavCmd = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
+
+/// As recorded (`data/flights/facts.md`): ArduCopter stamps its samples regularly and delivers them
+/// with jitter, PX4 the other way round; their clocks run at 0.9997 and 0.99; now and then nothing
+/// comes for 130 ms, and then everything, in order.
+#[test]
+fn samples_come_as_recorded() {
+    for (profile, rate, stamped, received) in [
+        (Profile::ArduCopter, 0.9997, 50..=50, 40.0..60.0),
+        (Profile::Px4, 0.99, 40..=56, 44.0..58.0),
+    ] {
+        let mut hand = Hand::new(profile, &[]);
+        hand.wait(45.0);
+        let asked = hand.command(SET_INTERVAL, [32.0, 50_000.0, 0.0, 0.0]);
+        assert_eq!(asked, ACCEPTED);
+        let samples = samples(&mut hand, 200.0);
+        let (first, last) = (&samples[5], &samples[samples.len() - 5]);
+        let own = f64::from(last.1.time_boot_ms - first.1.time_boot_ms) * 1e-3;
+        let measured = own / (last.0 - first.0);
+        assert!((measured - rate).abs() < 1e-3, "{profile}: {measured}");
+        let intervals = samples.windows(2).map(|pair| (pair[1].0 - pair[0].0) * 1e3);
+        let mut intervals: Vec<f64> = intervals.collect();
+        for pair in samples.windows(2).skip(1) {
+            let step = pair[1].1.time_boot_ms - pair[0].1.time_boot_ms;
+            assert!(stamped.contains(&step), "{profile}: {step} ms");
+        }
+        intervals.sort_by(f64::total_cmp);
+        let at = |part: f64| intervals[(part * (intervals.len() - 1) as f64) as usize];
+        let (low, middle, high, most) = (at(0.02), at(0.5), at(0.98), at(1.0));
+        println!("{profile}: {low:.0} / {middle:.0} / {high:.0} / {most:.0} ms");
+        assert!(
+            received.contains(&low) && received.contains(&high),
+            "{low} {high}"
+        );
+        assert!((middle * rate - 50.0).abs() < 1.5, "{profile}: {middle}");
+        let hiccups = intervals
+            .iter()
+            .filter(|interval| **interval > 100.0)
+            .count();
+        assert!((2..=6).contains(&hiccups), "{profile}: {hiccups}");
+        assert!(most < 190.0, "{profile}: {most}");
+    }
+}
+
+/// The same seed gives the same samples at the same times, another one others.
+#[test]
+fn jitter_is_the_same_for_the_same_seed() {
+    let flown = |seed| {
+        let mut settings = flight::vehicle(Profile::Px4);
+        settings.seed = seed;
+        let mut hand = Hand::with(settings);
+        samples(&mut hand, 30.0)
+    };
+    assert_eq!(flown(1), flown(1));
+    assert_ne!(flown(1), flown(2));
+}
+
+/// PX4 says that its position is constant for as long as it stands still, and only then.
+#[test]
+fn px4_sets_the_flag_for_a_constant_position_on_the_ground() {
+    use mavlink::dialects::common::EstimatorStatusFlags as F;
+    let last = |hand: &Hand| {
+        let mut flags = hand.heard.iter().filter_map(|message| match message {
+            MavMessage::ESTIMATOR_STATUS(status) => Some(status.flags.bits()),
+            _ => None,
+        });
+        flags.next_back().unwrap()
+    };
+    let mut hand = Hand::new(Profile::Px4, &[]);
+    hand.wait(1.0);
+    assert_eq!(last(&hand), 229);
+    hand.wait(60.0);
+    assert_eq!(last(&hand), 1023);
+    let hand = Hand::airborne(Profile::Px4, &[]);
+    assert_eq!(last(&hand), 895);
+    assert!(!F::from_bits_retain(895).contains(F::ESTIMATOR_CONST_POS_MODE));
+}
+
+/// Flies east with a stream of setpoints that is always ahead; the speed that is reached.
+fn speed_reached(profile: Profile, change: impl FnOnce(&mut VehicleSettings)) -> f64 {
+    let mut settings = flight::vehicle(profile);
+    settings.parameters = fast(profile);
+    change(&mut settings);
+    let mut hand = Hand::with(settings).taken_off(profile);
+    for _ in 0..300 {
+        let east = hand.moved().x as f32;
+        hand.setpoint(0.0, east + 60.0, Some([0.0, 30.0]), 1);
+        hand.wait(0.1);
+    }
+    hand.vehicle.velocity().x
+}
+
+/// The default airframes of the simulators are slow; wind against the vehicle slows it down.
+#[test]
+fn airframes_and_wind_limit_the_speed() {
+    for (profile, stock) in [(Profile::ArduCopter, 15.2), (Profile::Px4, 10.0)] {
+        let strong = speed_reached(profile, |_| {});
+        assert!(strong > 29.0, "{profile}: {strong}");
+        let stock_ability = profile.ability_with(Airframe::Stock);
+        let slow = speed_reached(profile, |settings| settings.ability = stock_ability);
+        assert!((slow - stock).abs() < 0.5, "{profile}: {slow}");
+        // Wind from the west pushes a slow one along, through the air it is as slow as before.
+        let pushed = speed_reached(profile, |settings| {
+            settings.ability = Ability {
+                speed_mps: 40.0,
+                ..stock_ability
+            };
+            settings.wind_mps = 8.0;
+        });
+        assert!((pushed - stock - 8.0).abs() < 5.0, "{profile}: {pushed}");
+    }
+}
+
+/// In wind it holds its place, but not quite: gusts push it.
+#[test]
+fn wind_pushes_a_vehicle_that_hovers() {
+    for (wind_mps, least, most) in [(0.0, 0.0, 0.01), (8.0, 0.05, 4.0)] {
+        let settings = VehicleSettings {
+            wind_mps,
+            ..flight::vehicle(Profile::ArduCopter)
+        };
+        let mut hand = Hand::with(settings).taken_off(Profile::ArduCopter);
+        let mut farthest = 0.0_f64;
+        for _ in 0..600 {
+            hand.setpoint(0.0, 0.0, Some([0.0, 0.0]), 1);
+            hand.wait(0.1);
+            farthest = farthest.max(hand.moved().norm());
+        }
+        println!("{wind_mps} m/s of wind: {farthest:.2} m");
+        assert!((least..=most).contains(&farthest), "{farthest}");
+    }
+}
+
+/// Death without a word: nothing comes any more, and nothing that is sent has an effect.
+#[test]
+fn a_dead_vehicle_is_silent() {
+    let settings = VehicleSettings {
+        die_after: Some(Duration::from_secs(50)),
+        clock_rate: 1.0,
+        ..flight::vehicle(Profile::ArduCopter)
+    };
+    let mut hand = Hand::with(settings);
+    hand.wait(49.0);
+    assert!(!hand.vehicle.is_dead());
+    hand.wait(2.0);
+    assert!(hand.vehicle.is_dead());
+    hand.heard.clear();
+    assert_eq!(hand.command(SET_MODE, [1.0, 4.0, 0.0, 0.0]), None);
+    hand.wait(30.0);
+    assert!(hand.heard.is_empty());
+    assert_eq!(hand.vehicle.mode(), FlightMode::Manual);
+}
+
+/// As recorded: ArduCopter's own failsafes say why and change the mode to RTL, and the client lets
+/// go for good.
+#[test]
+fn arducopter_returns_by_itself_and_the_client_lets_go() {
+    for (name, value, said) in [
+        ("BATT_FS_LOW_ACT", 2.0, "Battery Failsafe"),
+        ("FENCE_ENABLE", 1.0, "Circle fence breached"),
+    ] {
+        let mut flight = ready(Profile::ArduCopter, |_, vehicle| {
+            vehicle.parameters = fast(Profile::ArduCopter);
+            vehicle.parameters.push((name.to_owned(), value));
+            vehicle.parameters.push(("FENCE_RADIUS".to_owned(), 50.0));
+        });
+        let begin = flight.now;
+        flight.vehicle.faults.battery_low = name.starts_with("BATT");
+        for n in 0..12 {
+            let from = flight.client.position().unwrap().position;
+            let waypoint = from + Vector2::new(20.0, 0.0);
+            let end = begin + SLOT * (n + 1);
+            if flight
+                .client
+                .fly_leg(flight.now, Leg { waypoint, end })
+                .is_err()
+            {
+                break;
+            }
+            flight.run_until(SLOT * 2, |flight| {
+                flight.client.leg_ended(flight.now).is_some()
+                    || flight.client.phase() == Phase::Released
+            });
+        }
+        assert_eq!(flight.client.phase(), Phase::Released, "{:#?}", flight.log);
+        assert_eq!(flight.vehicle.mode(), FlightMode::Return);
+        assert!(
+            flight.log.iter().any(|line| line.contains(said)),
+            "{:#?}",
+            flight.log
+        );
+        let count = |flight: &Flight| {
+            let sent = flight.sent.iter().filter(|(_, message)| {
+                matches!(message, MavMessage::SET_POSITION_TARGET_LOCAL_NED(_))
+            });
+            sent.count()
+        };
+        let before = count(&flight);
+        flight.run_for(Duration::from_secs(60));
+        assert_eq!(count(&flight), before, "no setpoint after the release");
     }
 }

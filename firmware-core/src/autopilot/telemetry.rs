@@ -104,6 +104,8 @@ pub(super) struct Telemetry<T: Scalar> {
     pub(super) mode: Option<Mode>,
     pub(super) armed: bool,
     pub(super) estimator: Option<EstimatorStatusFlags>,
+    /// Standard deviation of the horizontal position, m; 0 where the autopilot does not say.
+    accuracy_m: f32,
     /// `None` while no SYS_STATUS came; true where the bit is set or does not exist.
     pub(super) prearm: Option<bool>,
     pub(super) battery_percent: Option<i8>,
@@ -113,6 +115,9 @@ pub(super) struct Telemetry<T: Scalar> {
     /// The autopilot has said where its local frame begins.
     pub(super) origin_known: bool,
 }
+
+/// A position on the ground whose standard deviation is larger than this does not count, m.
+const WORST_ACCURACY_M: f32 = 10.0;
 
 /// An older sample than this before the latest means that the autopilot started anew.
 const REBOOT_MS: u32 = 10_000;
@@ -129,6 +134,7 @@ impl<T: Scalar> Telemetry<T> {
             mode: None,
             armed: false,
             estimator: None,
+            accuracy_m: 0.0,
             prearm: None,
             battery_percent: None,
             battery_low_since: None,
@@ -219,6 +225,7 @@ impl<T: Scalar> Telemetry<T> {
 
     pub(super) fn take_estimator(&mut self, message: &ESTIMATOR_STATUS_DATA) {
         self.estimator = Some(message.flags);
+        self.accuracy_m = message.pos_horiz_accuracy;
     }
 
     pub(super) fn take_status(&mut self, now: Instant, message: &SYS_STATUS_DATA, low: i8) {
@@ -236,11 +243,52 @@ impl<T: Scalar> Telemetry<T> {
     }
 
     /// The estimator stands behind an absolute horizontal position.
+    ///
+    /// PX4 sets ESTIMATOR_CONST_POS_MODE for as long as the vehicle stands still (it fuses "at
+    /// rest"), so the flag means a missing position only in flight. On the ground the absolute
+    /// position, its accuracy and the glitch flag (ArduPilot: not initialized) decide.
     pub(super) fn has_absolute_position(&self) -> bool {
         use EstimatorStatusFlags as F;
+        let stands = !self.armed && self.on_ground != Some(false);
+        let inaccurate = self.accuracy_m > WORST_ACCURACY_M;
         self.estimator.is_some_and(|flags| {
             flags.contains(F::ESTIMATOR_POS_HORIZ_ABS)
-                && !flags.contains(F::ESTIMATOR_CONST_POS_MODE)
+                && !flags.contains(F::ESTIMATOR_GPS_GLITCH)
+                && !inaccurate
+                && (stands || !flags.contains(F::ESTIMATOR_CONST_POS_MODE))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Flags as recorded from PX4 and ArduCopter, on the ground and in flight.
+    #[test]
+    fn the_flag_for_a_constant_position_counts_in_flight_only() {
+        let telemetry = |bits, accuracy_m, armed, on_ground| {
+            let mut telemetry = Telemetry::<f64>::new();
+            telemetry.take_estimator(&ESTIMATOR_STATUS_DATA {
+                flags: EstimatorStatusFlags::from_bits_retain(bits),
+                pos_horiz_accuracy: accuracy_m,
+                ..ESTIMATOR_STATUS_DATA::DEFAULT
+            });
+            (telemetry.armed, telemetry.on_ground) = (armed, on_ground);
+            telemetry.has_absolute_position()
+        };
+        let ground = Some(true);
+        // PX4 before its first position, at rest, and with a position too inaccurate to fly by.
+        assert!(!telemetry(229, 0.02, false, ground));
+        assert!(telemetry(1023, 0.3, false, ground));
+        assert!(!telemetry(1023, 30.0, false, ground));
+        // In flight the same flags mean that it does not know where it is.
+        assert!(!telemetry(1023, 0.3, true, Some(false)));
+        assert!(!telemetry(1023, 0.3, false, Some(false)));
+        assert!(telemetry(895, 0.3, true, Some(false)));
+        // ArduCopter before and after it uses GPS; it does not send an accuracy.
+        assert!(!telemetry(1024, 0.0, false, ground));
+        assert!(!telemetry(167, 0.0, false, ground));
+        assert!(telemetry(831, 0.0, false, ground));
     }
 }

@@ -3,10 +3,11 @@
 use std::{path::PathBuf, str::FromStr};
 
 use clap::Args;
+use firmware_core::time::Duration;
 use host_sim::{
     flight, interrupt,
     link::{LinkAddress, key, lossy::Impairment, tlog},
-    vehicle::{Profile, Vehicle, serve},
+    vehicle::{Airframe, Profile, Vehicle, serve},
 };
 
 use super::doctor::impaired;
@@ -24,6 +25,18 @@ pub(crate) struct VehicleArguments {
     /// How fast time passes: so many seconds of flight a second
     #[arg(long, default_value_t = 1.0, value_name = "X")]
     speed: f64,
+    /// Which body it flies: strong (30 m/s and more), or the stock one of the autopilot's simulator
+    #[arg(long, default_value = "strong", value_parser = Airframe::from_str, value_name = "FRAME")]
+    frame: Airframe,
+    /// How fast its clock runs, in seconds per second [default: the profile's]
+    #[arg(long, value_name = "R")]
+    clock_rate: Option<f64>,
+    /// Steady wind from the west, in m/s, with gusts
+    #[arg(long, default_value_t = 0.0, value_name = "W")]
+    wind_mps: f64,
+    /// Fall silent after so many seconds of its time, with the link left open
+    #[arg(long, value_name = "S")]
+    die_after: Option<f64>,
     /// The mission at whose start it stands: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated", value_name = "FILE")]
     scenario: PathBuf,
@@ -57,6 +70,22 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
         )));
     }
     let mut settings = flight::vehicle_settings(&scenario, arguments.profile);
+    settings.ability = arguments.profile.ability_with(arguments.frame);
+    let within = |name, value: f64, low: f64, high: f64| {
+        let inside = (low..=high).contains(&value).then_some(value);
+        inside.ok_or_else(|| {
+            let problem = format!("{name} is {value}, but must be a number from {low} to {high}");
+            Failure::bad_input(problem)
+        })
+    };
+    if let Some(rate) = arguments.clock_rate {
+        settings.clock_rate = within("--clock-rate", rate, 0.5, 2.0)?;
+    }
+    settings.wind_mps = within("--wind-mps", arguments.wind_mps, 0.0, 30.0)?;
+    if let Some(after) = arguments.die_after {
+        let after = within("--die-after", after, 0.0, 1e6)?;
+        settings.die_after = Some(Duration::from_secs_f64(after));
+    }
     let known = arguments.profile.parameter_names();
     for (name, _) in &arguments.parameters {
         if !known.contains(&name.as_str()) {

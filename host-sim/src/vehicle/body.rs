@@ -3,18 +3,28 @@
 //! `ideal` is the paper's kinematics: a setpoint's place is reached when the setpoint arrives,
 //! so that any way-point within V_max delta is reached by the slot's end. All others are a
 //! point mass with a position loop around a velocity loop, whose speed, acceleration and jerk
-//! are limited.
+//! are limited. How the loops follow a stream of moving setpoints is fitted to recorded flights
+//! ([`Tracking`]).
 
 use firmware_core::Position;
+use firmware_core::time::Duration;
 use nalgebra::Vector2;
+
+use super::profile::Profile;
+use super::wind::Air;
 
 /// What the body can do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ability {
-    /// Largest horizontal speed, m/s.
+    /// Largest horizontal speed over ground, m/s.
     pub speed_mps: f64,
+    /// Largest horizontal speed through the air, m/s.
+    pub airspeed_mps: f64,
     /// Largest horizontal acceleration, m/s^2.
     pub acceleration_mps2: f64,
+    /// Drag that the autopilot does not know of, m/s^2 for each m/s through the air. It makes the
+    /// vehicle slower than it is told to be, by more the faster it is.
+    pub drag_per_s: f64,
     /// Largest horizontal jerk, m/s^3.
     pub jerk_mps3: f64,
     /// Rate of climb, m/s.
@@ -54,6 +64,76 @@ pub(super) enum Demand {
     Descend { rate_mps: f64 },
 }
 
+/// How a body follows a stream of moving setpoints.
+///
+/// The constants of ArduCopter and PX4 are fitted to the recordings `arducopter-sac` and
+/// `px4-sac`, with the recorded setpoints as input; `tests/replay.rs` holds the distance between
+/// the recorded flights and these bodies. ArduCopter's are what its setpoint shaping consists of:
+/// a jerk limit of 5 m/s^3, and gains of jerk / acceleration and a quarter of that.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Tracking {
+    /// Position loop, 1/s.
+    position_gain: f64,
+    /// Velocity loop, 1/s.
+    velocity_gain: f64,
+    /// How much of a setpoint's acceleration is taken over.
+    feedforward: f64,
+    /// Largest change of the acceleration, m/s^3.
+    jerk_mps3: f64,
+    /// Largest acceleration, m/s^2.
+    acceleration_mps2: f64,
+    /// How far the loops may exceed the airframe's limit, which holds for what they follow.
+    headroom: f64,
+    /// From a setpoint's arrival to its effect, s.
+    delay_s: f64,
+    /// Time constant of the lean, s.
+    lag_s: f64,
+}
+
+impl Tracking {
+    /// Of a body that has no model in the recordings.
+    const GENERIC: Self = Self {
+        position_gain: POSITION_GAIN,
+        velocity_gain: VELOCITY_GAIN,
+        feedforward: 1.0,
+        jerk_mps3: f64::INFINITY,
+        acceleration_mps2: f64::INFINITY,
+        headroom: 1.0,
+        delay_s: 0.0,
+        lag_s: 0.0,
+    };
+
+    const ARDUCOPTER: Self = Self {
+        position_gain: 0.130,
+        velocity_gain: 0.559,
+        feedforward: 1.0,
+        jerk_mps3: 5.02,
+        acceleration_mps2: 11.2,
+        headroom: 1.15,
+        delay_s: 0.031,
+        lag_s: 0.042,
+    };
+
+    const PX4: Self = Self {
+        position_gain: 1.68,
+        velocity_gain: 0.985,
+        feedforward: 0.625,
+        jerk_mps3: 73.6,
+        acceleration_mps2: 8.77,
+        headroom: 1.0,
+        delay_s: 0.063,
+        lag_s: 0.0,
+    };
+
+    const fn of(profile: Profile) -> Self {
+        match profile {
+            Profile::Ideal | Profile::Multirotor => Self::GENERIC,
+            Profile::ArduCopter => Self::ARDUCOPTER,
+            Profile::Px4 => Self::PX4,
+        }
+    }
+}
+
 /// Position loop, 1/s.
 const POSITION_GAIN: f64 = 1.5;
 /// Velocity loop, 1/s.
@@ -73,6 +153,7 @@ pub(super) struct Body {
     pub(super) altitude_m: f64,
     pub(super) climb_mps: f64,
     ideal: bool,
+    tracking: Tracking,
 }
 
 fn clip(vector: Vector2<f64>, longest: f64) -> Vector2<f64> {
@@ -85,15 +166,21 @@ fn clip(vector: Vector2<f64>, longest: f64) -> Vector2<f64> {
 }
 
 impl Body {
-    pub(super) fn on_ground(position: Position<f64>, ideal: bool) -> Self {
+    pub(super) fn on_ground(position: Position<f64>, profile: Profile) -> Self {
         Self {
             position,
             velocity: Vector2::zeros(),
             acceleration: Vector2::zeros(),
             altitude_m: 0.0,
             climb_mps: 0.0,
-            ideal,
+            ideal: profile == Profile::Ideal,
+            tracking: Tracking::of(profile),
         }
+    }
+
+    /// From a setpoint's arrival to its effect.
+    pub(super) fn setpoint_delay(&self) -> Duration {
+        Duration::from_secs_f64(self.tracking.delay_s)
     }
 
     pub(super) fn is_on_ground(&self) -> bool {
@@ -110,10 +197,12 @@ impl Body {
     }
 
     /// Moves on by `dt_s` seconds.
-    pub(super) fn step(&mut self, dt_s: f64, demand: &Demand, ability: &Ability) {
+    pub(super) fn step(&mut self, dt_s: f64, demand: &Demand, ability: &Ability, air: &Air) {
         let altitude_m = match *demand {
             Demand::Rest => {
-                *self = Self::on_ground(self.position, self.ideal);
+                self.velocity = Vector2::zeros();
+                self.acceleration = Vector2::zeros();
+                (self.altitude_m, self.climb_mps) = (0.0, 0.0);
                 return;
             }
             Demand::Hold { altitude_m } | Demand::Go { altitude_m, .. } => Some(altitude_m),
@@ -139,12 +228,18 @@ impl Body {
         if self.ideal && stays_ideal {
             return; // moved by `take`
         }
-        let wanted = self.wanted_acceleration(demand, ability);
-        let change = clip(wanted - self.acceleration, ability.jerk_mps3 * dt_s);
+        let wanted = self.wanted_acceleration(demand, ability, air);
+        let tracking = self.tracking_of(demand);
+        let part = dt_s / tracking.lag_s.max(dt_s);
+        let jerk = ability.jerk_mps3.min(tracking.jerk_mps3);
+        let change = clip((wanted - self.acceleration) * part, jerk * dt_s);
         self.acceleration += change;
-        self.position += self.velocity * dt_s + self.acceleration * (0.5 * dt_s * dt_s);
+        let push = air.surprise * (ability.acceleration_mps2 / ability.airspeed_mps);
+        let drag = (self.velocity - air.wind) * ability.drag_per_s;
+        let acceleration = self.acceleration + push - drag;
+        self.position += self.velocity * dt_s + acceleration * (0.5 * dt_s * dt_s);
         self.velocity = clip(
-            self.velocity + self.acceleration * dt_s,
+            self.velocity + acceleration * dt_s,
             ability.speed_mps.max(self.velocity.norm()),
         );
         if self.is_on_ground() {
@@ -172,7 +267,8 @@ impl Body {
         }
     }
 
-    fn wanted_acceleration(&self, demand: &Demand, ability: &Ability) -> Vector2<f64> {
+    fn wanted_acceleration(&self, demand: &Demand, ability: &Ability, air: &Air) -> Vector2<f64> {
+        let tracking = self.tracking_of(demand);
         let (velocity, feedforward) = match *demand {
             Demand::Track(Target {
                 position,
@@ -183,11 +279,15 @@ impl Body {
             }) => {
                 // The setpoint says where to be when it came; it is carried on from there,
                 // the acceleration for no longer than a few setpoints.
+                let age_s = age_s - tracking.delay_s;
                 let bend = age_s.min(0.3);
                 let now = velocity + acceleration * bend;
                 let place = position + velocity * age_s + acceleration * (0.5 * bend * bend);
                 let open = place - self.position;
-                (now + open * POSITION_GAIN, acceleration)
+                (
+                    now + open * tracking.position_gain,
+                    acceleration * tracking.feedforward,
+                )
             }
             Demand::Track(Target { position, .. }) => (
                 self.approach(position, ability.speed_mps, ability),
@@ -203,11 +303,24 @@ impl Body {
             ),
             _ => (Vector2::zeros(), Vector2::zeros()),
         };
+        // The autopilot leans against the steady wind.
+        let leans = (air.wind - air.surprise) * ability.drag_per_s;
         let velocity = clip(velocity, ability.speed_mps);
+        let velocity = air.wind + clip(velocity - air.wind, ability.airspeed_mps);
         clip(
-            feedforward + (velocity - self.velocity) * VELOCITY_GAIN,
-            ability.acceleration_mps2,
+            feedforward + (velocity - self.velocity) * tracking.velocity_gain - leans,
+            (ability.acceleration_mps2 * tracking.headroom).min(tracking.acceleration_mps2),
         )
+    }
+
+    /// The fitted constants hold for streams of moving setpoints only.
+    fn tracking_of(&self, demand: &Demand) -> Tracking {
+        match demand {
+            Demand::Track(Target {
+                velocity: Some(_), ..
+            }) => self.tracking,
+            _ => Tracking::GENERIC,
+        }
     }
 
     /// Velocity that ends at rest at `place`: no faster than it can brake.

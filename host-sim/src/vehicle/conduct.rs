@@ -33,6 +33,7 @@ impl Vehicle {
                     self.say(MavSeverity::MAV_SEVERITY_WARNING, "GCS Failsafe");
                     self.set_mode(FlightMode::Return);
                 }
+                self.watch_battery_and_fence(flies);
                 let waits = self.armed && self.body.is_on_ground() && self.take_off_to.is_none();
                 if waits && self.time - self.armed_at > IDLE_DISARM {
                     self.armed = false;
@@ -51,6 +52,31 @@ impl Vehicle {
                     self.sinks = true;
                 }
             }
+        }
+    }
+
+    /// ArduCopter returns by itself when the battery is low or its fence is left, if told to. What
+    /// it says is what was recorded.
+    fn watch_battery_and_fence(&mut self, flies: bool) {
+        if !flies || matches!(self.mode, FlightMode::Return | FlightMode::Land) {
+            return;
+        }
+        let from_home = (self.body.position - self.home).norm();
+        let radius = self.parameters.number("FENCE_RADIUS");
+        let outside = radius.is_some_and(|radius| from_home > radius);
+        let texts = if self.faults.battery_low && self.parameters.is("BATT_FS_LOW_ACT", 2) {
+            ["Battery 1 is low 10.60V used 522 mAh", "Battery Failsafe"]
+        } else if outside
+            && self.parameters.is("FENCE_ENABLE", 1)
+            && self.parameters.is("FENCE_ACTION", 1)
+        {
+            ["Circle fence breached", "Manual recovery started"]
+        } else {
+            return;
+        };
+        self.set_mode(FlightMode::Return);
+        for text in texts {
+            self.say(MavSeverity::MAV_SEVERITY_WARNING, text);
         }
     }
 
@@ -85,7 +111,7 @@ impl Vehicle {
                     Demand::Go {
                         position: self.home,
                         altitude_m: self.hold_altitude_m,
-                        speed_mps: 10.0,
+                        speed_mps: self.return_speed_mps(),
                     }
                 }
             }
@@ -95,6 +121,14 @@ impl Vehicle {
                 (None, Some(setpoint)) => self.follow(&setpoint),
                 (None, None) => hold,
             },
+        }
+    }
+
+    /// ArduCopter returns as fast as its parameters allow.
+    fn return_speed_mps(&self) -> f64 {
+        match self.firmware {
+            Firmware::ArduCopter => f64::INFINITY,
+            Firmware::Generic | Firmware::Px4 => 10.0,
         }
     }
 
@@ -118,6 +152,13 @@ impl Vehicle {
             target.velocity = None;
         }
         target.age_s = age.as_secs_f64();
+        if age < self.body.setpoint_delay()
+            && let Some(previous) = self.previous
+            && target.velocity.is_some()
+        {
+            target = previous.target;
+            target.age_s = (self.time - previous.came).as_secs_f64();
+        }
         Demand::Track(target)
     }
 

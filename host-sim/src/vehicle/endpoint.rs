@@ -318,6 +318,7 @@ impl Vehicle {
         if !(flies || self.firmware == Firmware::Px4) {
             return false;
         }
+        self.previous = self.setpoint;
         self.setpoint = Some(Setpoint { came: now, target });
         if flies {
             // A target during take-off replaces the take-off.

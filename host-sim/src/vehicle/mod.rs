@@ -2,7 +2,8 @@
 //!
 //! It takes bytes and the time and gives bytes, like the client it is flown by; whether they
 //! travel through a function call, a lossy link or a socket is not its business. In simulated
-//! time it is deterministic.
+//! time it is deterministic. Its clock need not run as fast as the caller's: all of its time is
+//! [`VehicleSettings::clock_rate`] of the time that it is given.
 //!
 //! ```text
 //! receive(now, bytes) ─ endpoint ─ mode, arming, setpoint ─ body ─ telemetry ─ next_frame()
@@ -16,6 +17,8 @@ mod parameters;
 mod profile;
 mod serve;
 mod telemetry;
+mod timing;
+mod wind;
 
 use std::collections::VecDeque;
 
@@ -29,13 +32,16 @@ use mavlink::dialects::common::MavMessage;
 use nalgebra::Vector2;
 
 pub use body::Ability;
-pub use profile::Profile;
+pub use profile::{Airframe, Profile};
 pub use serve::serve;
+pub use timing::{Hiccups, Sampling};
 
 use body::{Body, Target};
 use missions::Missions;
 use parameters::Parameters;
 use telemetry::Streams;
+use timing::Timing;
+use wind::Wind;
 
 /// What a vehicle is made with.
 #[derive(Clone, Debug)]
@@ -54,6 +60,19 @@ pub struct VehicleSettings {
     pub system: u8,
     /// Until its estimator has an absolute position.
     pub ready_after: Duration,
+    /// How fast its clock runs, in seconds per second of the caller's time. PX4's simulator keeps
+    /// 0.99 of real time.
+    pub clock_rate: f64,
+    /// How regularly its samples are taken and delivered.
+    pub sampling: Sampling,
+    /// How often nothing comes from it for a moment.
+    pub hiccups: Hiccups,
+    /// Steady wind from the west, m/s, with gusts.
+    pub wind_mps: f64,
+    /// Of jitter, hiccups and gusts.
+    pub seed: u64,
+    /// From this time of its own on it sends and takes nothing any more: death without a word.
+    pub die_after: Option<Duration>,
     /// Parameters that differ from the profile's defaults: name and value.
     pub parameters: Vec<(String, f32)>,
     /// Signs and requires signatures: the key, and the time at first, microseconds since 1970;
@@ -72,6 +91,12 @@ impl VehicleSettings {
             ability: profile.ability(),
             system: 1,
             ready_after: profile.ready_after(),
+            clock_rate: profile.clock_rate(),
+            sampling: profile.sampling(),
+            hiccups: profile.hiccups(),
+            wind_mps: 0.0,
+            seed: 1,
+            die_after: None,
             parameters: Vec::new(),
             signing: None,
         }
@@ -91,6 +116,8 @@ pub struct Faults {
     pub ignore_setpoints: bool,
     /// Its heartbeats say that the motors stand still.
     pub disarmed: bool,
+    /// The battery's voltage falls below the autopilot's own threshold.
+    pub battery_low: bool,
     /// What the battery shows, percent; `None` for full.
     pub battery_percent: Option<i8>,
 }
@@ -131,8 +158,13 @@ pub struct Vehicle {
     firmware: Firmware,
     decoder: Decoder,
     encoder: Encoder,
-    outbox: VecDeque<Vec<u8>>,
+    /// Frames and when they leave.
+    outbox: VecDeque<(Instant, Vec<u8>)>,
+    timing: Timing,
+    /// The vehicle's time up to which the body has moved, and the latest.
     time: Instant,
+    clock: Instant,
+    wind: Wind,
     body: Body,
     home: Position<f64>,
     mode: FlightMode,
@@ -142,6 +174,8 @@ pub struct Vehicle {
     take_off_to: Option<f64>,
     hold_altitude_m: f64,
     setpoint: Option<Setpoint>,
+    /// The one before it, which is flown until the latest has its effect.
+    previous: Option<Setpoint>,
     /// Since when setpoints have flowed without a gap.
     stream_since: Option<Instant>,
     landed_since: Option<Instant>,
@@ -180,8 +214,11 @@ impl Vehicle {
             decoder,
             encoder,
             outbox: VecDeque::new(),
+            timing: Timing::new(settings.sampling, settings.hiccups, settings.seed),
             time: Instant::ZERO,
-            body: Body::on_ground(settings.start, settings.profile == Profile::Ideal),
+            clock: Instant::ZERO,
+            wind: Wind::new(settings.wind_mps, settings.seed),
+            body: Body::on_ground(settings.start, settings.profile),
             home: settings.start,
             mode: FlightMode::Manual,
             armed: false,
@@ -189,6 +226,7 @@ impl Vehicle {
             take_off_to: None,
             hold_altitude_m: 0.0,
             setpoint: None,
+            previous: None,
             stream_since: None,
             landed_since: None,
             ground_heard: None,
@@ -242,9 +280,24 @@ impl Vehicle {
         self.missions.len()
     }
 
+    /// Whether the moment of [`VehicleSettings::die_after`] has come.
+    pub fn is_dead(&self) -> bool {
+        let end = self.settings.die_after;
+        end.is_some_and(|after| self.clock >= Instant::ZERO + after)
+    }
+
+    /// The vehicle's own time at the caller's `now`.
+    fn own_time(&self, now: Instant) -> Instant {
+        Instant::from_micros((now.micros() as f64 * self.settings.clock_rate).round() as u64)
+    }
+
     /// Takes a datagram, or a piece of a byte stream, that came at `now`.
     pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
         self.step(now);
+        if self.is_dead() {
+            return;
+        }
+        let now = self.clock;
         // The decoder is lent out while frames borrow from it.
         let mut decoder = std::mem::take(&mut self.decoder);
         while let Some(frame) = decoder.next_frame(&mut bytes) {
@@ -259,6 +312,8 @@ impl Vehicle {
 
     /// The datagram is over: a frame that is not whole never will be.
     pub fn end_of_datagram(&mut self, now: Instant) {
+        self.step(now);
+        let now = self.clock;
         let mut decoder = std::mem::take(&mut self.decoder);
         while let Some(frame) = decoder.end_of_datagram() {
             if let Ok(message) = frame.message() {
@@ -270,17 +325,34 @@ impl Vehicle {
 
     /// Lets the time pass up to `now`.
     pub fn step(&mut self, now: Instant) {
-        while self.time + STEP <= now {
-            self.time += STEP;
-            self.step_body();
+        if self.is_dead() {
+            return;
         }
-        self.tend_mission_transfer(now);
-        self.transmit_due(now);
+        let own = self.own_time(now).max(self.clock);
+        // Real autopilots send from the loop that moves the body; the others when they are asked.
+        let regular = self.firmware != Firmware::Generic;
+        while self.time + STEP <= own {
+            self.time += STEP;
+            self.clock = self.time;
+            self.step_body();
+            if regular {
+                self.transmit_due(self.time);
+            }
+        }
+        self.clock = own;
+        self.tend_mission_transfer(own);
+        if !regular {
+            self.transmit_due(own);
+        }
     }
 
     /// The next frame it sends; one datagram each.
     pub fn next_frame(&mut self) -> Option<Vec<u8>> {
-        self.outbox.pop_front()
+        let (leaves, _) = self.outbox.front()?;
+        if *leaves > self.clock || self.is_dead() {
+            return None;
+        }
+        self.outbox.pop_front().map(|(_, frame)| frame)
     }
 
     /// A pilot switches the mode with the remote control.
@@ -309,11 +381,13 @@ impl Vehicle {
         self.enqueue(frame);
     }
 
+    /// Frames of regular messages leave with jitter; see [`Streams`].
     fn enqueue(&mut self, frame: Vec<u8>) {
         if self.outbox.len() >= OUTBOX {
             self.outbox.pop_front();
         }
-        self.outbox.push_back(frame);
+        let leaves = self.timing.leaves(self.clock, self.streams.sending);
+        self.outbox.push_back((leaves, frame));
     }
 
     fn is_ready(&self) -> bool {
@@ -340,7 +414,8 @@ impl Vehicle {
         self.fly_mission();
         let demand = self.demand();
         let ability = self.ability();
-        self.body.step(STEP.as_secs_f64(), &demand, &ability);
+        let air = self.wind.step(STEP.as_secs_f64());
+        self.body.step(STEP.as_secs_f64(), &demand, &ability, &air);
         if let Some(altitude_m) = self.take_off_to
             && (self.body.altitude_m - altitude_m).abs() < 0.3
         {

@@ -52,7 +52,9 @@ impl Parameters {
                 ("ANGLE_MAX", Integer(3000)),
                 ("ARMING_CHECK", Integer(1)),
                 ("BATT_FS_LOW_ACT", Integer(0)),
+                ("FENCE_ACTION", Integer(1)),
                 ("FENCE_ENABLE", Integer(0)),
+                ("FENCE_RADIUS", Real(300.0)),
                 ("FS_GCS_ENABLE", Integer(0)),
                 ("FS_THR_ENABLE", Integer(1)),
                 ("GUID_TIMEOUT", Real(3.0)),
@@ -127,9 +129,9 @@ impl Parameters {
                 let lean = (number("ANGLE_MAX") / 100.0).to_radians().min(1.4).tan();
                 Ability {
                     // 30 degrees of lean hold 30 m/s against the drag.
-                    speed_mps: ability
-                        .speed_mps
-                        .min(number("WPNAV_SPEED") / 100.0)
+                    speed_mps: ability.speed_mps.min(number("WPNAV_SPEED") / 100.0),
+                    airspeed_mps: ability
+                        .airspeed_mps
                         .min(30.0 * (lean / 30f64.to_radians().tan()).sqrt()),
                     acceleration_mps2: ability
                         .acceleration_mps2

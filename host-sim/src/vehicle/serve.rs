@@ -14,7 +14,8 @@ use crate::link::{Link, tlog::wall_clock_us};
 const STEP: Duration = Duration::from_millis(10);
 
 /// Runs a vehicle at the other end of `link`, `speed` times as fast as real time, until `stop`
-/// is set. Answers within the time that a datagram takes; moves on at least every 2 ms.
+/// is set. After the vehicle's death the link stays open, and nothing is read or sent.
+/// Answers within the time that a datagram takes; moves on at least every 2 ms.
 pub fn serve(
     link: &mut dyn Link,
     mut vehicle: Vehicle,
@@ -30,6 +31,10 @@ pub fn serve(
     let mut piece = Vec::new();
     let mut now = Instant::ZERO;
     while !stop.load(Ordering::Relaxed) {
+        if vehicle.is_dead() {
+            std::thread::sleep(nap);
+            continue;
+        }
         let came = link.receive(&mut piece, nap)?;
         vehicle.set_signing_time(wall_clock_us());
         let clock = Instant::ZERO + Duration::from_secs_f64(begin.elapsed().as_secs_f64() * speed);

@@ -38,6 +38,8 @@ struct Stream {
 #[derive(Clone, Debug)]
 pub(super) struct Streams {
     all: Vec<Stream>,
+    /// What is being sent is a regular message, no answer.
+    pub(super) sending: bool,
 }
 
 /// Nothing is sent faster than this.
@@ -61,10 +63,11 @@ impl Streams {
         let stream = |(message, interval)| Stream {
             message,
             interval,
-            due: Instant::ZERO,
+            due: Instant::ZERO + profile.first_heartbeat_after(),
         };
         Self {
             all: wanted.into_iter().map(stream).collect(),
+            sending: false,
         }
     }
 
@@ -92,13 +95,16 @@ impl Streams {
 impl Vehicle {
     pub(super) fn transmit_due(&mut self, now: Instant) {
         while let Some(message) = self.streams.take_due(now) {
+            self.streams.sending = true;
             self.send_message(now, message);
+            self.streams.sending = false;
         }
     }
 
     /// Sends the message with this id once; false if there is none.
     pub(super) fn send_message(&mut self, now: Instant, message: u32) -> bool {
-        let time_boot_ms = now.millis_wrapping();
+        let sampled = self.sampled(now, message);
+        let time_boot_ms = sampled.millis_wrapping();
         let position_muted = self.faults.no_position || !self.has_position();
         match message {
             HEARTBEAT => {
@@ -111,7 +117,7 @@ impl Vehicle {
             GLOBAL_POSITION_INT if position_muted => {}
             LOCAL_POSITION_NED => {
                 let frame = self.local_frame();
-                let (x, y) = frame.to_local(self.reported_position());
+                let (x, y) = frame.to_local(self.reported_position(sampled));
                 let velocity = self.body.velocity;
                 self.send(&MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
                     time_boot_ms,
@@ -124,7 +130,9 @@ impl Vehicle {
                 }));
             }
             GLOBAL_POSITION_INT => {
-                let place = self.local_frame().to_geodetic(self.reported_position());
+                let place = self
+                    .local_frame()
+                    .to_geodetic(self.reported_position(sampled));
                 let altitude_m = self.body.altitude_m;
                 let centi = |v: f64| (v * 100.0).round() as i16;
                 self.send(&MavMessage::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
@@ -158,6 +166,7 @@ impl Vehicle {
                 self.send(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
                     time_usec: now.micros(),
                     flags,
+                    pos_horiz_accuracy: 0.3,
                     ..ESTIMATOR_STATUS_DATA::DEFAULT
                 }));
             }
@@ -204,7 +213,9 @@ impl Vehicle {
             mavtype: MavType::MAV_TYPE_QUADROTOR,
             autopilot,
             base_mode,
-            system_status: if self.armed && !self.faults.disarmed {
+            system_status: if self.faults.battery_low {
+                MavState::MAV_STATE_CRITICAL
+            } else if self.armed && !self.faults.disarmed {
                 MavState::MAV_STATE_ACTIVE
             } else {
                 MavState::MAV_STATE_STANDBY
@@ -250,19 +261,38 @@ impl Vehicle {
         }));
     }
 
+    /// As recorded. PX4 sets the flag for a constant position for as long as it stands still.
     fn estimator_flags(&self) -> EstimatorStatusFlags {
         use EstimatorStatusFlags as F;
-        let attitude = F::ESTIMATOR_ATTITUDE | F::ESTIMATOR_VELOCITY_VERT;
-        if self.is_ready() {
-            attitude
-                | F::ESTIMATOR_VELOCITY_HORIZ
-                | F::ESTIMATOR_POS_HORIZ_REL
-                | F::ESTIMATOR_POS_HORIZ_ABS
-                | F::ESTIMATOR_POS_VERT_ABS
-                | F::ESTIMATOR_PRED_POS_HORIZ_REL
-                | F::ESTIMATOR_PRED_POS_HORIZ_ABS
-        } else {
-            attitude | F::ESTIMATOR_CONST_POS_MODE
+        let ready = F::ESTIMATOR_ATTITUDE
+            | F::ESTIMATOR_VELOCITY_HORIZ
+            | F::ESTIMATOR_VELOCITY_VERT
+            | F::ESTIMATOR_POS_HORIZ_REL
+            | F::ESTIMATOR_POS_HORIZ_ABS
+            | F::ESTIMATOR_POS_VERT_ABS
+            | F::ESTIMATOR_PRED_POS_HORIZ_REL
+            | F::ESTIMATOR_PRED_POS_HORIZ_ABS;
+        let waiting = F::ESTIMATOR_ATTITUDE
+            | F::ESTIMATOR_VELOCITY_VERT
+            | F::ESTIMATOR_POS_VERT_ABS
+            | F::ESTIMATOR_CONST_POS_MODE;
+        match (self.firmware, self.is_ready()) {
+            (Firmware::Px4, true) if self.body.is_on_ground() => {
+                ready | F::ESTIMATOR_POS_VERT_AGL | F::ESTIMATOR_CONST_POS_MODE
+            }
+            (Firmware::Px4, true) => ready | F::ESTIMATOR_POS_VERT_AGL,
+            (Firmware::Px4, false) => waiting | F::ESTIMATOR_POS_VERT_AGL,
+            (Firmware::ArduCopter, false) => waiting | F::ESTIMATOR_VELOCITY_HORIZ,
+            (_, true) => ready,
+            (Firmware::Generic, false) => waiting,
+        }
+    }
+
+    /// When what a message says was measured.
+    fn sampled(&mut self, now: Instant, message: u32) -> Instant {
+        match message {
+            LOCAL_POSITION_NED | GLOBAL_POSITION_INT | ATTITUDE => self.timing.sampled(now),
+            _ => now,
         }
     }
 
@@ -271,9 +301,15 @@ impl Vehicle {
         self.is_ready() || self.firmware == Firmware::Generic
     }
 
-    fn reported_position(&self) -> Position<f64> {
+    /// Where it was at that time, which is near the present.
+    fn reported_position(&self, at: Instant) -> Position<f64> {
         let offset: Displacement<f64> = self.faults.position_offset_m;
-        self.body.position + offset
+        let moved = if self.firmware == Firmware::Generic {
+            Displacement::zeros() // measured when it is sent
+        } else {
+            self.body.velocity * ((at - self.time).as_secs_f64() - (self.time - at).as_secs_f64())
+        };
+        self.body.position + moved + offset
     }
 
     /// The origin of the local frame: the map's own, or where the estimator started.
