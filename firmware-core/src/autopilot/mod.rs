@@ -56,7 +56,7 @@ pub use settings::{Coordinates, Geofence, Settings, SettingsError};
 pub use telemetry::Sample;
 
 use crate::scalar::{Position, Scalar};
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 use checks::Reader;
 use command::Pending;
 use event::Events;
@@ -439,6 +439,25 @@ impl<T: Scalar> Autopilot<T> {
     /// final phase with motors off they are put back; keep polling until this is true.
     pub fn is_restored(&self) -> bool {
         self.reader.is_restored()
+    }
+
+    /// For how long the latched autopilot has not been heard; `None` before its first heartbeat.
+    pub fn heartbeat_age(&self, now: Instant) -> Option<Duration> {
+        Some(now - self.telemetry.heartbeat_came?)
+    }
+
+    /// Whether the autopilot has not been heard for [`failsafe::Watch::heartbeat`]: the link, or
+    /// what is at its other end, is dead for now.
+    pub fn is_link_silent(&self, now: Instant) -> bool {
+        self.heartbeat_age(now)
+            .is_some_and(|age| age > self.settings.watch.heartbeat)
+    }
+
+    /// Whether the silence has lasted for [`failsafe::Watch::link_dead`] longer than that.
+    pub fn is_link_dead(&self, now: Instant) -> bool {
+        let watch = &self.settings.watch;
+        self.heartbeat_age(now)
+            .is_some_and(|age| age > watch.heartbeat + watch.link_dead)
     }
 
     /// Gives up putting parameters back: an event for each says what it was.
