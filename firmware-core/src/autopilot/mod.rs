@@ -463,6 +463,13 @@ impl<T: Scalar> Autopilot<T> {
         self.restore_now = true;
     }
 
+    /// Whether a landing has been asked for and the autopilot has not begun it yet: until it has,
+    /// leaving would leave the vehicle without an order.
+    pub fn awaits_landing(&self) -> bool {
+        let ours = self.vehicle.map(|(_, firmware)| firmware.control_mode());
+        self.phase == Phase::Landing && self.telemetry.armed && self.holds == ours
+    }
+
     /// For how long the latched autopilot has not been heard; `None` before its first heartbeat.
     pub fn heartbeat_age(&self, now: Instant) -> Option<Duration> {
         Some(now - self.telemetry.heartbeat_came?)

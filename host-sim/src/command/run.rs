@@ -251,11 +251,13 @@ fn write_report(record: &FlightRecord, arguments: &RunArguments) -> Result<Summa
         let text = serde_json::to_string_pretty(&summary).map_err(Failure::failed)?;
         writeln!(stdout, "{text}")?;
     } else {
-        writeln!(
-            stdout,
-            "{}",
-            report::table(record, &summary, Look::of_stdout())
-        )?;
+        if !record.slots.is_empty() {
+            writeln!(
+                stdout,
+                "{}",
+                report::table(record, &summary, Look::of_stdout())
+            )?;
+        }
         writeln!(stdout, "report: {}", out.join("report.html").display())?;
     }
     Ok(summary)

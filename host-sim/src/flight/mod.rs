@@ -196,7 +196,10 @@ fn outcome_with_record(
             ..record
         }),
         Err(error) => {
-            let ended = error.to_string();
+            let ended = match &error {
+                FlightError::BrokenOff { reason, .. } => reason.clone(),
+                other => other.to_string(),
+            };
             let record = FlightRecord { ended, ..record };
             Err(FailedFlight {
                 error,
@@ -412,7 +415,8 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         };
         let client = self.onboard.autopilot();
         let overdue = now >= flight_time || WallInstant::now() >= our_time;
-        if !(client.is_restored() || overdue) {
+        let done = client.is_restored() && !client.awaits_landing();
+        if !(done || overdue) {
             return Ok(());
         }
         let state = client.phase().to_string();

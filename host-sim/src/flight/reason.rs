@@ -2,7 +2,7 @@
 //! autopilot said about it shortly before.
 
 use firmware_core::{
-    autopilot::{Event, failsafe::Cause},
+    autopilot::{Event, Finding, LegError, failsafe::Cause},
     onboard::Fault,
     time::{Duration, Instant},
 };
@@ -13,6 +13,8 @@ const BEFORE: Duration = Duration::from_secs(5);
 const BEFORE_TIME_OUT: Duration = Duration::from_secs(60);
 /// The reason of a change of mode may come after it, within this time.
 pub(super) const AFTER: Duration = Duration::from_secs(1);
+/// Where nothing comes any more, the position is missed first and the heartbeat within this time.
+const BOTH: Duration = Duration::from_secs(10);
 /// MAV_SEVERITY_WARNING: this and all below are worth a person's attention.
 const WARNING: u8 = 4;
 
@@ -20,7 +22,10 @@ const WARNING: u8 = 4;
 pub(super) fn is_notable(event: &Event) -> bool {
     match event {
         Event::Text { severity, .. } => *severity <= WARNING,
-        Event::Repeated { .. } | Event::SampleLate => false,
+        // What was not put back is said as something to do.
+        Event::Repeated { .. }
+        | Event::SampleLate
+        | Event::Finding(Finding::NotRestored { .. }) => false,
         _ => true,
     }
 }
@@ -47,6 +52,8 @@ pub(super) struct Reasons {
     said: Option<String>,
     /// The mode at the fault.
     taken: Option<String>,
+    /// The heartbeat was lost soon after the position.
+    link_lost: bool,
 }
 
 impl Reasons {
@@ -77,6 +84,14 @@ impl Reasons {
                 self.said = lately(&self.warning, now, window);
                 self.taken = self.mode.clone();
             }
+            Event::Failsafe {
+                cause: Cause::HeartbeatLost,
+                ..
+            } => {
+                self.link_lost |= self.fault.is_some_and(|(since, cause)| {
+                    cause == Cause::PositionLost && now.since(since) < BOTH
+                });
+            }
             _ => {}
         }
     }
@@ -92,6 +107,7 @@ impl Reasons {
                     None => format!("{cause}: {mode}"),
                 });
             }
+            Cause::PositionLost if self.link_lost => format!("link lost: {cause}, then heartbeat"),
             Cause::CommandFailed => match lately(&self.refusal, since, BEFORE) {
                 Some(refusal) => format!("{cause}: {refusal}"),
                 None => cause.to_string(),
@@ -119,9 +135,7 @@ fn lately(noted: &Option<(Instant, String)>, now: Instant, window: Duration) -> 
 /// refused because the client had already begun to land is a consequence, not a cause.
 pub(super) fn first(fault: Option<Fault>, client: Option<String>) -> Option<String> {
     match (fault, client) {
-        (Some(Fault::Leg(firmware_core::autopilot::LegError::Phase(_))), Some(client)) => {
-            Some(client)
-        }
+        (Some(Fault::Leg(LegError::Phase(_))), Some(client)) => Some(client),
         (Some(fault), _) => Some(fault.to_string()),
         (None, client) => client,
     }
