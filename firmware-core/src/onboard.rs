@@ -13,8 +13,9 @@
 //!
 //! A slot: `plan` from the measured position, fly the leg, report the [`Arrival`], take the
 //! channel state that the ground answers with, `allocate`, send the command and a
-//! [`VehicleStatus`]; then the next slot. A slot lasts `delta` plus that exchange. An arrival
-//! that nobody answers is sent again; where no channel state comes within
+//! [`VehicleStatus`]; then the next slot. Slot `n` ends at `t_0 + n delta` of the vehicle's clock,
+//! where `t_0` is the moment at which slot 1 began: the exchange takes place in the first part of
+//! the next slot, and no message moves a slot's end. An arrival that nobody answers is sent again; where no channel state comes within
 //! [`Settings::channel_patience`], the last one, aged, stands in, and the command says how old it
 //! is. Whatever came and was not used is counted.
 
@@ -24,6 +25,7 @@ use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{
         Autopilot, Leg, LegEnd, LegError, Phase,
+        guidance::Limits,
         wire::{
             self, FrameBuffer,
             signing::{Signer, Verifier},
@@ -126,12 +128,14 @@ struct Measuring<T: Scalar> {
 #[derive(Debug)]
 pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
     settings: Settings,
-    slot_duration: Duration,
+    slot_duration_s: f64,
     controller: Controller<T, P, M, J>,
     autopilot: Autopilot<T>,
     stage: Stage,
     fault: Option<Fault>,
     measuring: Option<Measuring<T>>,
+    /// `t_0`, when slot 1 began, on the vehicle's clock.
+    began: Option<Instant>,
     mavlink_in: wire::Decoder,
     mavlink_out: wire::Encoder,
     ground_in: Decoder,
@@ -150,16 +154,17 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         controller: Controller<T, P, M, J>,
         autopilot: Autopilot<T>,
     ) -> Self {
-        let slot_duration_s = controller.mission().parameters().slot_duration_s;
+        let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
         Self {
             settings,
-            slot_duration: Duration::from_secs_f64(slot_duration_s.to_f64()),
+            slot_duration_s,
             controller,
             mavlink_out: wire::Encoder::new(autopilot.settings().own),
             autopilot,
             stage: Stage::Preparing,
             fault: None,
             measuring: None,
+            began: None,
             mavlink_in: wire::Decoder::in_order(),
             ground_in: Decoder::new(),
             channel_state: None,
@@ -326,9 +331,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             Stage::Preparing if self.autopilot.phase() == Phase::Ready => {
                 // What the vehicle's parameters leave of the limits is known by now; guidance
                 // flies with that.
-                let acceleration_mps2 = self.autopilot.limits().acceleration_mps2;
-                self.controller
-                    .rely_on_acceleration(acceleration_mps2 * T::of(RELIABLE_SHARE));
+                let limits = *self.autopilot.limits();
+                self.controller.rely_on(&Limits {
+                    acceleration_mps2: limits.acceleration_mps2 * T::of(RELIABLE_SHARE),
+                    ..limits
+                });
                 let measured = self.autopilot.position();
                 self.begin_slot(now, measured.map(|sample| sample.position), probe);
             }
@@ -340,6 +347,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             Stage::Measuring => self.measure(now, probe),
             _ => {}
         }
+    }
+
+    /// The tick that ends slot `n`, on the vehicle's clock.
+    fn tick(&self, began: Instant, slot: u32) -> Instant {
+        began + Duration::from_secs_f64(self.slot_duration_s * f64::from(slot))
     }
 
     /// Plans the next slot from where the last one ended, and sets out. Where the vehicle is by
@@ -354,13 +366,19 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             self.abort(now, Fault::NoPosition);
             return;
         };
+        let vehicle_now = self.autopilot.vehicle_time(now);
+        let Some(began) = self.began.or(vehicle_now) else {
+            self.abort(now, Fault::NoPosition);
+            return;
+        };
+        self.began = Some(began);
         probe.begin(Activity::Plan);
         let plan = self.controller.plan(position);
         probe.end(Activity::Plan);
         let flown = plan.map_err(Fault::from).and_then(|plan| {
             let leg = Leg {
                 waypoint: plan.waypoint,
-                end: now + self.slot_duration,
+                end: self.tick(began, plan.slot),
             };
             self.autopilot.fly_leg(now, leg).map_err(Fault::from)
         });
@@ -378,6 +396,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         let arrival = Arrival {
             plan,
             position: end.sample.position,
+            tick: end.tick,
         };
         self.measuring = Some(Measuring {
             since: now,

@@ -89,6 +89,9 @@ impl<T: Scalar> Rectangle<T> {
 /// What the vehicle can do, where that is less than the mission's parameters say.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Agility<T> {
+    /// The longest step that is asked for, metres: `V_max delta` less what is kept free so that
+    /// no slot goes further than that.
+    pub step_m: T,
     /// How far it gets in a slot at the speed that it has shown it can hold, metres.
     pub reach_m: T,
     /// What it can gain on its present velocity in a slot, metres a slot: acceleration times
@@ -103,6 +106,7 @@ impl<T: Scalar> Agility<T> {
     /// The paper's kinematics: `V_max` in any direction at once.
     pub fn ideal<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         Self {
+            step_m: mission.reach_m(),
             reach_m: mission.reach_m(),
             gain_m: T::of(f64::INFINITY),
             drift_m: [T::zero(); 2],
@@ -214,6 +218,7 @@ impl<T: Scalar> ReachableSet<T> {
         if !agility.gain_m.finite() && agility.reach_m >= mission.reach_m() {
             return set;
         }
+        set.step.radius_m = set.step.radius_m.min(agility.step_m);
         let Rectangle {
             south_west,
             north_east,
@@ -247,7 +252,7 @@ impl<T: Scalar> ReachableSet<T> {
         let short_m = short_m.unwrap_or(T::zero());
         // From one side of the destination to the other is twice the radius.
         let arrived_m = agility.stoppable_m(mission.reach_m()) / T::of(2.0);
-        let ahead_m = mission.reach_m().min(away_m);
+        let ahead_m = agility.step_m.min(away_m);
         if away_m - agility.reach_m + short_m <= arrived_m {
             set.home.radius_m = set.home.radius_m.min(arrived_m);
         } else if away_m - ahead_m + short_m <= set.home.radius_m {

@@ -299,6 +299,7 @@ fn with_inertia_the_destination_stays_within_reach() {
         let mission = Mission::<f64, USERS, SENSORS>::new(p.clone()).expect("valid");
         let reach_m = mission.reach_m();
         let agility = Agility {
+            step_m: reach_m,
             reach_m: reach_m * random.random_range(0.6..=1.0),
             gain_m: log_uniform(&mut random, 1.0, 1000.0),
             drift_m: [(); 2].map(|()| reach_m * random.random_range(-1.0..=1.0)),

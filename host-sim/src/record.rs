@@ -3,6 +3,7 @@
 
 use firmware_core::{
     Position,
+    autopilot::Tick,
     controller::ChannelSource,
     inner::LimitedBy,
     link::{LinkCounters, VehicleStatus},
@@ -87,6 +88,8 @@ pub struct SlotRecord {
     pub planned: Position<f64>,
     /// Where the vehicle truly was at the slot's end, metres.
     pub flown: Position<f64>,
+    /// When the slot ended, on the vehicle's clock, and how its position was known.
+    pub tick: Tick,
     /// The user served, from 0; `None` where no user was heard.
     pub served_user: Option<usize>,
     /// `p`, watts.
@@ -219,6 +222,15 @@ pub struct Summary {
     /// Sum of the rates that the waypoints would have given, less `sum_rate`, bit/s/Hz: what it
     /// cost to fly beside them. Below zero where that happened to help.
     pub planned_vs_flown_rate: f64,
+    /// From the start of slot 1 to the end of the last, on the vehicle's clock, seconds.
+    pub duration_s: f64,
+    /// Seconds of the vehicle's clock per second of ours, as estimated at the end.
+    pub clock_rate: f64,
+    /// Slots whose position was extrapolated, because no sample came in time.
+    pub ticks_extrapolated: usize,
+    /// By how much the position of a slot's end was known later than it ended, at most, seconds
+    /// of the vehicle's clock.
+    pub lateness_max_s: f64,
     /// How long `allocate` took, microseconds.
     pub allocate_us: Timing,
     /// How long `plan` took, microseconds.
@@ -284,11 +296,38 @@ impl FlightRecord {
                 .iter()
                 .map(|slot| slot.planned_rate - slot.rate)
                 .sum(),
+            duration_s: self.duration_s(),
+            clock_rate: self
+                .slots
+                .last()
+                .map_or(1.0, |slot| f64::from(slot.tick.clock_rate)),
+            ticks_extrapolated: self
+                .slots
+                .iter()
+                .filter(|slot| slot.tick.extrapolated)
+                .count(),
+            lateness_max_s: self
+                .slots
+                .iter()
+                .map(|slot| slot.tick.lateness.as_secs_f64())
+                .fold(0.0, f64::max),
             allocate_us: timing(self.slots.iter().map(|slot| slot.allocate_us)),
             plan_us: timing(self.slots.iter().map(|slot| slot.plan_us)),
             link: self.link,
             seed: self.seed,
             version: env!("CARGO_PKG_VERSION"),
+        }
+    }
+
+    /// From the start of slot 1 to the end of the last slot, on the vehicle's clock, seconds.
+    fn duration_s(&self) -> f64 {
+        let slot_s = self.scenario.mission.parameters().slot_duration_s;
+        match (self.slots.first(), self.slots.last()) {
+            (Some(first), Some(last)) => {
+                let began = f64::from(first.slot - 1) * slot_s;
+                began + (last.tick.time - first.tick.time).as_secs_f64() + slot_s
+            }
+            _ => 0.0,
         }
     }
 

@@ -12,8 +12,12 @@
 //!   to a place that lies behind) the acceleration moves, linearly over the leg, to what chases
 //!   the way-points best: their own velocity, plus a correction no faster than can be braked.
 //! * a **transit** goes from rest to rest, in the least time the limits allow.
+//! * a **coast** follows a leg until the next one is known: the vehicle flies on with the leg's
+//!   final velocity while its position is measured and the next waypoint is decided.
 //! * a **stop** follows whatever was not continued: the last reference decelerates to rest.
 //!   A stream never ends with a velocity in it.
+//!
+//! All times here are the vehicle's own.
 
 use nalgebra::Vector2;
 
@@ -40,6 +44,11 @@ impl<T: Scalar> Limits<T> {
             acceleration_mps2: infinity,
             jerk_mps3: infinity,
         }
+    }
+
+    /// Whether nothing but the mission limits the vehicle.
+    pub fn is_ideal(&self) -> bool {
+        !self.acceleration_mps2.finite()
     }
 
     /// Whether each limit is above zero (infinity included).
@@ -351,6 +360,12 @@ impl<T: Scalar> Trajectory<T> {
         best
     }
 
+    /// Goes on as `from` says for `span`, while the acceleration fades to zero.
+    fn coast(now: Instant, from: Motion<T>, span: Duration) -> Self {
+        let to = from.faded(T::of(span.as_secs_f64()));
+        Self::new(now, span, from, to)
+    }
+
     fn stop_in(now: Instant, seconds: f64, from: Motion<T>) -> Self {
         let t = T::of(seconds);
         let place = from.position
@@ -365,14 +380,17 @@ impl<T: Scalar> Trajectory<T> {
     }
 }
 
-/// The reference over time: one trajectory after another, and a stop after the last.
+/// The reference over time: one trajectory after another, a coast after a leg, and a stop after
+/// what was not continued.
 #[derive(Clone, Copy, Debug)]
 pub struct Guide<T: Scalar> {
     limits: Limits<T>,
     current: Trajectory<T>,
+    /// When the present coast began, if this is one.
+    coasting: Option<Instant>,
     /// The way-point of the last leg and when it was due; the place of rest before the first.
     last: (Position<T>, Instant),
-    /// How long after a trajectory's end its continuation may come before the stop begins.
+    /// How long a coast may last before the stop begins.
     grace: Duration,
 }
 
@@ -382,6 +400,7 @@ impl<T: Scalar> Guide<T> {
         Self {
             limits,
             current: Trajectory::rest(now, place),
+            coasting: None,
             last: (place, now),
             grace,
         }
@@ -396,11 +415,26 @@ impl<T: Scalar> Guide<T> {
     pub fn at(&mut self, now: Instant) -> Motion<T> {
         let end = self.current.end();
         let target = self.current.target();
-        if now > end + self.grace && target.velocity != Vector2::zeros() {
-            // As if the stop had begun at the end: the vehicle flew on meanwhile.
-            self.current = Trajectory::stop(end, target, &self.limits);
+        if self.coasting.is_none() && now > end && target.velocity != Vector2::zeros() {
+            self.current = Trajectory::coast(end, target, self.grace);
+            self.coasting = Some(end);
+        }
+        if let Some(since) = self.coasting
+            && now > since + self.grace
+        {
+            let after = since + self.grace;
+            self.replace(Trajectory::stop(
+                after,
+                self.current.at(after),
+                &self.limits,
+            ));
         }
         self.current.at(now)
+    }
+
+    fn replace(&mut self, trajectory: Trajectory<T>) {
+        self.current = trajectory;
+        self.coasting = None;
     }
 
     /// When the present trajectory ends.
@@ -413,8 +447,8 @@ impl<T: Scalar> Guide<T> {
         self.current.target()
     }
 
-    /// Starts a leg. The reference goes on from where it is if the vehicle, at `measured`,
-    /// keeps up with it within `tolerance_m`; from the vehicle itself if not.
+    /// Starts a leg. The reference goes on from where it is if the vehicle, which is at `measured`
+    /// now, keeps up with it within `tolerance_m`; from the vehicle itself if not.
     pub fn fly_leg(
         &mut self,
         now: Instant,
@@ -438,7 +472,8 @@ impl<T: Scalar> Guide<T> {
             Vector2::zeros()
         };
         self.last = (waypoint, end);
-        self.current = Trajectory::leg(now, end, from, waypoint, pace, &self.limits);
+        let leg = Trajectory::leg(now, end, from, waypoint, pace, &self.limits);
+        self.replace(leg);
     }
 
     /// Starts a transit from where the reference is.
@@ -447,13 +482,15 @@ impl<T: Scalar> Guide<T> {
             speed_mps: self.limits.speed_mps.min(speed_mps),
             ..self.limits
         };
-        self.current = Trajectory::transit(now, self.at(now), place, &limits);
+        let transit = Trajectory::transit(now, self.at(now), place, &limits);
+        self.replace(transit);
         self.last = (place, self.current.end());
     }
 
     /// Comes to rest.
     pub fn stop(&mut self, now: Instant) {
-        self.current = Trajectory::stop(now, self.at(now), &self.limits);
+        let stop = Trajectory::stop(now, self.at(now), &self.limits);
+        self.replace(stop);
     }
 }
 

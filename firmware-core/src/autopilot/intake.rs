@@ -56,9 +56,7 @@ impl<T: Scalar> Autopilot<T> {
                         latitude_e7: origin.latitude,
                         longitude_e7: origin.longitude,
                     });
-                    if let Some(sample) = &mut self.telemetry.sample {
-                        sample.position += moved;
-                    }
+                    self.telemetry.shift(moved);
                     self.telemetry.origin_known = true;
                 }
             }
@@ -167,7 +165,11 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     fn take_position(&mut self, now: Instant, message: &LOCAL_POSITION_NED_DATA) {
-        let news = self.telemetry.take_position(now, message, &self.map);
+        // Before the start of the flight nothing depends on a mapping of the clocks that is steady.
+        let smooth = self.stream.is_some();
+        let news = self
+            .telemetry
+            .take_position(now, message, &self.map, smooth);
         if let News::Jump(distance_m, after) = news {
             let speed = self
                 .settings

@@ -17,8 +17,12 @@
 //! * **phase**: where in a flight we are ([`Phase`]), from the first heartbeat to the landing.
 //! * **leg**: the flight of one slot, to a way-point that is due at the slot's end.
 //! * **reference**: where the vehicle should be *now*; streamed as setpoints ([`guidance`]).
-//! * **sample**: a measured position ([`Sample`]). A leg has ended when a sample came that was
-//!   taken after the setpoint of the leg's end had arrived, or when none came for too long.
+//! * **sample**: a measured position ([`Sample`]) with the time at which it was taken.
+//! * **vehicle time**: the clock of the autopilot, which its samples are stamped with
+//!   ([`clock`]). Legs, and so slots, begin and end in it. Time-outs run in ours.
+//! * **tick**: the end of a leg. Where the vehicle was at a tick is interpolated between the
+//!   samples around it; where the next sample is late, extrapolated from the last. No message,
+//!   early, late or lost, moves a tick.
 //! * **control**: we have it while the autopilot is in the mode that follows setpoints and we
 //!   set that mode ourselves. Lost control is never taken back.
 //!
@@ -30,6 +34,7 @@
 //! wrong · `checks` what is looked at before a flight · [`mission`] upload of a whole mission.
 
 mod checks;
+pub mod clock;
 mod command;
 mod event;
 pub mod failsafe;
@@ -171,19 +176,32 @@ impl fmt::Display for Obstacle {
 pub struct Leg<T: Scalar> {
     /// Where to be at the end, m.
     pub waypoint: Position<T>,
-    /// The slot's end.
+    /// The slot's end, in vehicle time.
     pub end: Instant,
 }
 
 /// How a leg ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LegEnd<T: Scalar> {
-    /// The position measured at its end.
+    /// Where the vehicle was at the tick.
     pub sample: Sample<T>,
     /// From there to the way-point, m.
     pub missed_m: T,
-    /// No sample came in time after the end: this one is older.
-    pub late: bool,
+    /// When and how that became known.
+    pub tick: Tick,
+}
+
+/// The end of a slot, as the vehicle's clock has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tick {
+    /// When, on the vehicle's clock.
+    pub time: Instant,
+    /// How much later the position was known, in vehicle time.
+    pub lateness: Duration,
+    /// No sample came in time: the position is extrapolated from the last one with its velocity.
+    pub extrapolated: bool,
+    /// Seconds of the vehicle's clock per second of ours, as estimated.
+    pub clock_rate: f32,
 }
 
 /// Why a leg is not flown.
@@ -203,9 +221,9 @@ pub enum LegError {
         /// North, m.
         y: f64,
     },
-    /// The leg's end is not after its start.
-    #[error("the leg's end has passed")]
-    TooLate,
+    /// Nothing is known yet of the vehicle's clock.
+    #[error("the vehicle's clock is not known")]
+    NoClock,
 }
 
 /// The leg under way.
@@ -216,7 +234,7 @@ struct ActiveLeg<T: Scalar> {
     from: Position<T>,
     /// The setpoint of the leg's end has been sent.
     final_sent: bool,
-    /// It was echoed; in the autopilot's time.
+    /// It was echoed; in the autopilot's time, as MAVLink counts it.
     confirmed: Option<u32>,
     ended: Option<LegEnd<T>>,
 }
@@ -231,7 +249,7 @@ struct Stream<T: Scalar> {
     climb: Option<(Instant, T)>,
 }
 
-/// The client. About 5 kB; see the module's documentation.
+/// The client. About 8 kB; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Autopilot<T: Scalar> {
     settings: Settings<T>,
@@ -341,6 +359,16 @@ impl<T: Scalar> Autopilot<T> {
         self.telemetry.sample
     }
 
+    /// The vehicle's clock at `now`; `None` before the first sample. Legs are given in it.
+    pub fn vehicle_time(&self, now: Instant) -> Option<Instant> {
+        self.telemetry.clock.vehicle_time(now)
+    }
+
+    /// Seconds of the vehicle's clock per second of ours, as estimated.
+    pub fn clock_rate(&self) -> f64 {
+        self.telemetry.clock.rate()
+    }
+
     /// What the vehicle can do: the settings' limits, as its parameters clip them.
     pub fn limits(&self) -> &Limits<T> {
         &self.limits
@@ -390,25 +418,33 @@ impl<T: Scalar> Autopilot<T> {
         {
             return Err(LegError::OutsideFence { x, y });
         }
-        if leg.end <= now {
-            return Err(LegError::TooLate);
-        }
-        let measured = Motion {
-            velocity: sample.velocity,
-            ..Motion::at_rest(sample.position)
+        let Some(vehicle_now) = self.telemetry.clock.vehicle_time(now) else {
+            return Err(LegError::NoClock);
         };
-        let tolerance = self.settings.lag_tolerance_m;
-        stream
-            .guide
-            .fly_leg(now, leg.end, leg.waypoint, measured, tolerance);
-        stream.due = now;
+        // A leg that is over, or nearly, when it is decided cannot be flown any more: the vehicle
+        // flies on as it does, and the slot ends on its tick nevertheless. Where a place is reached
+        // the moment it is asked for, it is not too late.
+        let flyable = leg.end > vehicle_now + self.settings.setpoint_interval / 2;
+        if flyable || self.limits.is_ideal() {
+            // A sample is some time old: the vehicle has flown on.
+            let measured = sample.extrapolated(vehicle_now);
+            let measured = Motion {
+                velocity: sample.velocity,
+                ..Motion::at_rest(measured.position)
+            };
+            let tolerance = self.settings.lag_tolerance_m;
+            stream
+                .guide
+                .fly_leg(vehicle_now, leg.end, leg.waypoint, measured, tolerance);
+            stream.due = now;
+        }
         // The ground has something to say from the first leg on.
         self.ground_heard.get_or_insert(now);
         self.leg = Some(ActiveLeg {
             waypoint: leg.waypoint,
             end: leg.end,
             from: sample.position,
-            final_sent: false,
+            final_sent: !flyable && !self.limits.is_ideal(),
             confirmed: None,
             ended: None,
         });

@@ -12,8 +12,8 @@ use super::event::Event;
 use super::failsafe::{Cause, Reaction};
 use super::guidance::Guide;
 use super::profile::{Firmware, Mode};
-use super::telemetry::Sample;
-use super::{Autopilot, LegEnd, Obstacle, Phase, Stream};
+use super::telemetry::{Fix, Sample};
+use super::{Autopilot, LegEnd, Obstacle, Phase, Stream, Tick};
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
@@ -112,7 +112,9 @@ impl<T: Scalar> Autopilot<T> {
             Phase::TakingOff => self.take_off(now, firmware),
             Phase::Transit => {
                 let start = self.settings.start;
-                let there = self.stream.as_ref().is_some_and(|s| now >= s.guide.end())
+                let vehicle_now = self.vehicle_time(now);
+                let over = |s: &Stream<T>| vehicle_now.is_some_and(|now| now >= s.guide.end());
+                let there = self.stream.as_ref().is_some_and(over)
                     && self.telemetry.sample.is_some_and(|sample| {
                         (sample.position - start).norm() <= self.settings.arrival_radius_m
                     });
@@ -121,12 +123,13 @@ impl<T: Scalar> Autopilot<T> {
                 }
             }
             Phase::Leg => {
-                if let Some((leg, sample)) = self.leg.zip(self.telemetry.sample)
+                // No sample came from after the tick: the last one has to do.
+                if let Some((leg, vehicle_now)) = self.leg.zip(self.vehicle_time(now))
                     && leg.final_sent
-                    && now >= leg.end + self.settings.sample_patience
+                    && vehicle_now >= leg.end + self.settings.sample_patience
                 {
                     self.events.push(Event::SampleLate);
-                    self.finish_leg(now, sample, true);
+                    self.finish_leg(now);
                 }
             }
             Phase::Landing => {
@@ -250,10 +253,13 @@ impl<T: Scalar> Autopilot<T> {
         let Some(sample) = self.telemetry.sample else {
             return;
         };
+        let Some(vehicle_now) = self.vehicle_time(now) else {
+            return;
+        };
         let (place, height_m) = (sample.position, self.height_m(&sample));
-        let interval = self.settings.setpoint_interval;
+        let grace = self.settings.coast;
         self.stream = Some(Stream {
-            guide: Guide::new(now, place, self.limits, interval / 2),
+            guide: Guide::new(vehicle_now, place, self.limits, grace),
             due: now,
             last: super::Motion::at_rest(place),
             // Until the climb begins, it has begun in the far future.
@@ -274,9 +280,12 @@ impl<T: Scalar> Autopilot<T> {
             if self.stream.is_none() {
                 self.hold_here(now, false);
             }
-            if let Some(stream) = &mut self.stream {
+            let vehicle_now = self.vehicle_time(now);
+            if let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) {
                 let speed = self.settings.transit_speed_mps;
-                stream.guide.transit(now, self.settings.start, speed);
+                stream
+                    .guide
+                    .transit(vehicle_now, self.settings.start, speed);
                 stream.due = now;
             }
             self.enter(now, Phase::Transit);
@@ -482,8 +491,9 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     fn start_landing(&mut self, now: Instant, by: Request) {
-        if let Some(stream) = &mut self.stream {
-            stream.guide.stop(now);
+        let vehicle_now = self.vehicle_time(now);
+        if let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) {
+            stream.guide.stop(vehicle_now);
         }
         self.pending = None;
         self.landing_by = Some(by);
@@ -527,7 +537,7 @@ impl<T: Scalar> Autopilot<T> {
             && now - self.telemetry.sample_came <= self.settings.watch.position
     }
 
-    /// A new sample: does it end the leg?
+    /// A new sample: is it known where the vehicle was at the tick?
     pub(super) fn judge_leg(&mut self, now: Instant) {
         let Some(((leg, sample), (_, firmware))) =
             self.leg.zip(self.telemetry.sample).zip(self.vehicle)
@@ -537,31 +547,68 @@ impl<T: Scalar> Autopilot<T> {
         if self.phase != Phase::Leg {
             return;
         }
-        let after = if firmware.confirms_setpoints() {
+        let known = if self.is_at_setpoints(firmware) {
             // Not before the echo; the autopilot's clock may wrap.
+            let boot_ms = self.telemetry.boot_ms;
             leg.final_sent
                 && leg
                     .confirmed
-                    .is_some_and(|echo| sample.boot_ms.wrapping_sub(echo) < u32::MAX / 2)
+                    .is_some_and(|echo| boot_ms.wrapping_sub(echo) < u32::MAX / 2)
         } else {
-            // A sample of the slot's end counts even if we come too late with its setpoint.
-            sample.taken >= leg.end
+            // A sample from after the tick counts even if we come too late with its setpoint.
+            sample.time >= leg.end
         };
-        if after {
-            self.finish_leg(now, sample, false);
+        if known {
+            self.finish_leg(now);
         }
     }
 
-    fn finish_leg(&mut self, now: Instant, sample: Sample<T>, late: bool) {
-        let Some(leg) = self.leg.as_mut() else {
+    /// The vehicle of the paper's kinematics: it is where its last setpoint says, and says so.
+    fn is_at_setpoints(&self, firmware: Firmware) -> bool {
+        firmware.confirms_setpoints() && self.limits.is_ideal()
+    }
+
+    fn finish_leg(&mut self, now: Instant) {
+        let at_setpoint = self
+            .vehicle
+            .is_some_and(|(_, firmware)| self.is_at_setpoints(firmware));
+        let Some((leg, latest)) = self.leg.as_mut().zip(self.telemetry.sample) else {
+            return;
+        };
+        let fix = if at_setpoint {
+            // Between setpoints such a vehicle does not move: there is nothing to interpolate.
+            let sample = Sample {
+                time: leg.end,
+                ..latest
+            };
+            Some(Fix {
+                sample,
+                extrapolated: leg.confirmed.is_none(),
+            })
+        } else {
+            self.telemetry.fix(leg.end)
+        };
+        let Some(Fix {
+            sample,
+            extrapolated,
+        }) = fix
+        else {
             return;
         };
         let length = (leg.waypoint - leg.from).norm();
         let flown = (sample.position - leg.from).norm();
+        let clock = &self.telemetry.clock;
         leg.ended = Some(LegEnd {
             sample,
             missed_m: (sample.position - leg.waypoint).norm(),
-            late,
+            tick: Tick {
+                time: leg.end,
+                lateness: clock
+                    .vehicle_time(now)
+                    .map_or(Duration::ZERO, |t| t - leg.end),
+                extrapolated,
+                clock_rate: clock.rate() as f32,
+            },
         });
         let stuck = length > T::one() && flown < length * T::of(0.1);
         self.ignored_legs = if stuck {

@@ -85,8 +85,11 @@ pub struct Settings<T: Scalar> {
     pub arrival_radius_m: T,
     /// A leg starts from the reference while the vehicle is this near to it, m.
     pub lag_tolerance_m: T,
-    /// How long after a slot's end a position sample is waited for.
+    /// How long after a slot's end a position sample is waited for, in vehicle time.
     pub sample_patience: Duration,
+    /// How long after a leg's end the vehicle flies on as it does until the next leg is known;
+    /// then it stops. In vehicle time.
+    pub coast: Duration,
     /// Answers to commands.
     pub patience: Patience,
     /// Set parameters that clip the mission, and put them back after it. Off by default: what
@@ -164,6 +167,7 @@ impl<T: Scalar> Settings<T> {
             arrival_radius_m: T::of(2.0),
             lag_tolerance_m: T::of(2.0),
             sample_patience: Duration::from_millis(250),
+            coast: Duration::from_millis(800),
             patience: Patience::default(),
             set_parameters: false,
             watch: Watch::default(),

@@ -1,10 +1,12 @@
 //! What the autopilot last said about the vehicle.
 
+use heapless::Deque;
 use mavlink::dialects::common::{
     ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, LOCAL_POSITION_NED_DATA, MavSysStatusSensor,
     SYS_STATUS_DATA,
 };
 
+use super::clock::VehicleClock;
 use super::frames::{MapFrame, vector_from_ned};
 use super::profile::Mode;
 use crate::scalar::{Displacement, Position, Scalar};
@@ -21,34 +23,59 @@ pub struct Sample<T: Scalar> {
     pub velocity: Displacement<T>,
     /// Rate of climb, m/s.
     pub climb_mps: T,
-    /// When it was taken, in our time: never later than it came, and earlier by what it took
-    /// longer on the way than the fastest sample.
-    pub taken: Instant,
-    /// When it was taken, in the autopilot's time.
-    pub boot_ms: u32,
+    /// When it was taken, on the vehicle's clock.
+    pub time: Instant,
 }
 
-/// The autopilot's clock in ours: the offset of the fastest message so far, which may only
-/// grow slowly, so that two clocks that drift apart by less than 50 ppm stay matched.
-#[derive(Clone, Copy, Debug, Default)]
-struct Clock {
-    offset_us: Option<i64>,
-}
+impl<T: Scalar> Sample<T> {
+    /// Where the vehicle is at `time`, before or after this sample, if it flies on as it does.
+    pub fn extrapolated(&self, time: Instant) -> Self {
+        let seconds = T::of((time - self.time).as_secs_f64() - (self.time - time).as_secs_f64());
+        Self {
+            position: self.position + self.velocity * seconds,
+            altitude_m: self.altitude_m + self.climb_mps * seconds,
+            time,
+            ..*self
+        }
+    }
 
-/// Growth per sample, us; at 20 samples a second 40 ppm.
-const OFFSET_GROWTH_US: i64 = 2;
-
-impl Clock {
-    fn taken(&mut self, now: Instant, boot_ms: u32) -> Instant {
-        let boot_us = i64::from(boot_ms) * 1_000;
-        let offset = i64::try_from(now.micros()).unwrap_or(i64::MAX) - boot_us;
-        let least = self
-            .offset_us
-            .map_or(offset, |known| offset.min(known + OFFSET_GROWTH_US));
-        self.offset_us = Some(least);
-        Instant::from_micros(u64::try_from(boot_us + least).unwrap_or(0))
+    /// Where the vehicle was at `time`, between this sample and a later one: the cubic through
+    /// both positions with both velocities (Hermite's), exact for a constant acceleration.
+    fn interpolated(&self, later: &Self, time: Instant) -> Self {
+        let span = (later.time - self.time).as_secs_f64();
+        if span <= 0.0 {
+            return Self { time, ..*later };
+        }
+        let fraction = (time - self.time).as_secs_f64() / span;
+        let (s, h) = (T::of(fraction), T::of(span));
+        let (one, two, three) = (T::one(), T::of(2.0), T::of(3.0));
+        let (s2, s3) = (s * s, s * s * s);
+        let (to, from) = (three * s2 - two * s3, (s3 - two * s2 + s) * h);
+        let end = (s3 - s2) * h;
+        let way = later.position - self.position;
+        Self {
+            position: self.position + way * to + self.velocity * from + later.velocity * end,
+            altitude_m: self.altitude_m
+                + (later.altitude_m - self.altitude_m) * to
+                + self.climb_mps * from
+                + later.climb_mps * end,
+            velocity: self.velocity * (one - s) + later.velocity * s,
+            climb_mps: self.climb_mps * (one - s) + later.climb_mps * s,
+            time,
+        }
     }
 }
+
+/// Where the vehicle was at a moment of its own time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fix<T: Scalar> {
+    pub(super) sample: Sample<T>,
+    /// There was no sample on one of the two sides.
+    pub(super) extrapolated: bool,
+}
+
+/// How many samples are kept: 3 s at 20 Hz, 1.2 s at 50 Hz.
+const HISTORY: usize = 64;
 
 /// What a position message did to the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,10 +91,14 @@ pub(super) enum News {
 }
 
 /// The latest of everything.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Telemetry<T: Scalar> {
-    clock: Clock,
+    pub(super) clock: VehicleClock,
+    /// The latest samples, oldest first.
+    history: Deque<Sample<T>, HISTORY>,
     pub(super) sample: Option<Sample<T>>,
+    /// MAVLink's time of the latest sample, which wraps after 49 days.
+    pub(super) boot_ms: u32,
     pub(super) sample_came: Instant,
     pub(super) heartbeat_came: Option<Instant>,
     pub(super) mode: Option<Mode>,
@@ -89,8 +120,10 @@ const REBOOT_MS: u32 = 10_000;
 impl<T: Scalar> Telemetry<T> {
     pub(super) fn new() -> Self {
         Self {
-            clock: Clock::default(),
+            clock: VehicleClock::default(),
+            history: Deque::new(),
             sample: None,
+            boot_ms: 0,
             sample_came: Instant::ZERO,
             heartbeat_came: None,
             mode: None,
@@ -109,6 +142,7 @@ impl<T: Scalar> Telemetry<T> {
         now: Instant,
         message: &LOCAL_POSITION_NED_DATA,
         map: &MapFrame<T>,
+        smooth: bool,
     ) -> News {
         let m = message;
         if ![m.x, m.y, m.z, m.vx, m.vy, m.vz]
@@ -117,29 +151,69 @@ impl<T: Scalar> Telemetry<T> {
         {
             return News::Broken;
         }
+        let mut time = Instant::ZERO + Duration::from_millis(m.time_boot_ms.into());
         if let Some(known) = &self.sample {
-            let ahead = m.time_boot_ms.wrapping_sub(known.boot_ms);
-            let behind = known.boot_ms.wrapping_sub(m.time_boot_ms);
+            let ahead = m.time_boot_ms.wrapping_sub(self.boot_ms);
+            let behind = self.boot_ms.wrapping_sub(m.time_boot_ms);
             if behind > 0 && behind < ahead {
                 if behind < REBOOT_MS {
                     return News::Stale;
                 }
-                self.clock = Clock::default();
+                self.clock = VehicleClock::default();
+                self.history.clear();
+            } else {
+                time = known.time + Duration::from_millis(ahead.into());
             }
         }
+        self.boot_ms = m.time_boot_ms;
+        self.clock.observe(now, time, smooth);
         let sample = Sample {
             position: map.from_local(m.x, m.y),
             altitude_m: T::of(-f64::from(m.z)),
             velocity: vector_from_ned(m.vx, m.vy),
             climb_mps: T::of(-f64::from(m.vz)),
-            taken: self.clock.taken(now, m.time_boot_ms),
-            boot_ms: m.time_boot_ms,
+            time,
         };
+        if self.history.is_full() {
+            self.history.pop_front();
+        }
+        // Cannot be full: one was just taken out if it was.
+        let _ = self.history.push_back(sample);
         let last = self.sample.replace(sample);
         self.sample_came = now;
         last.map_or(News::Fresh, |last| {
             let distance = (sample.position - last.position).norm().to_f64();
-            News::Jump(distance, sample.taken - last.taken)
+            News::Jump(distance, sample.time - last.time)
+        })
+    }
+
+    /// Everything that was placed on the map moves by `moved`: its origin did.
+    pub(super) fn shift(&mut self, moved: Displacement<T>) {
+        for sample in self.history.iter_mut().chain(&mut self.sample) {
+            sample.position += moved;
+        }
+    }
+
+    /// Where the vehicle was at `time` on its clock: interpolated between the samples around it,
+    /// extrapolated where there is none on one side. `None` without any sample.
+    pub(super) fn fix(&self, time: Instant) -> Option<Fix<T>> {
+        let (mut before, mut after): (Option<&Sample<T>>, Option<&Sample<T>>) = (None, None);
+        for sample in &self.history {
+            if sample.time <= time {
+                before = Some(sample);
+            } else if after.is_none() {
+                after = Some(sample);
+            }
+        }
+        let (sample, extrapolated) = match (before, after) {
+            (Some(before), _) if before.time == time => (*before, false),
+            (Some(before), Some(after)) => (before.interpolated(after, time), false),
+            (Some(only), None) | (None, Some(only)) => (only.extrapolated(time), true),
+            (None, None) => return None,
+        };
+        Some(Fix {
+            sample,
+            extrapolated,
         })
     }
 

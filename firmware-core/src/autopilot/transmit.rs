@@ -53,9 +53,10 @@ impl<T: Scalar> Autopilot<T> {
             next = next.min(stream.due);
         }
         if let Some(leg) = &self.leg
+            && let Some(end) = self.telemetry.clock.our_time(leg.end)
             && !leg.final_sent
         {
-            next = next.min(leg.end);
+            next = next.min(end);
         }
         next.max(now)
     }
@@ -141,26 +142,29 @@ impl<T: Scalar> Autopilot<T> {
         }
         let (interval, target) = (self.settings.setpoint_interval, self.settings.altitude_m);
         let climb_mps = self.settings.climb_speed_mps;
+        let vehicle_now = self.vehicle_time(now)?;
+        let at_setpoints = self.limits.is_ideal();
         let stream = self.stream.as_mut()?;
         let ends = self
             .leg
             .as_mut()
-            .filter(|leg| !leg.final_sent && now >= leg.end);
+            .filter(|leg| !leg.final_sent && vehicle_now >= leg.end);
         if now < stream.due && ends.is_none() {
             return None;
         }
-        let motion = match ends {
-            Some(leg) => {
-                leg.final_sent = true;
-                stream.guide.target()
-            }
-            None => stream.guide.at(now),
+        if let Some(leg) = ends {
+            leg.final_sent = true;
+        }
+        let leg_over = self.leg.as_ref().is_some_and(|leg| leg.final_sent);
+        let motion = if at_setpoints && leg_over {
+            // Exactly the waypoint, until the next leg is known.
+            stream.guide.target()
+        } else {
+            stream.guide.at(vehicle_now)
         };
         // Until a leg's end is confirmed its setpoint is repeated sooner: any may be lost.
-        let waits = self
-            .leg
-            .as_ref()
-            .is_some_and(|leg| leg.final_sent && leg.ended.is_none());
+        let unconfirmed = self.leg.as_ref().is_some_and(|leg| leg.ended.is_none());
+        let waits = at_setpoints && leg_over && unconfirmed;
         stream.due = now + if waits { interval / 4 } else { interval };
         let (altitude, climb) = match stream.climb {
             Some((since, from)) => {
@@ -184,14 +188,14 @@ impl<T: Scalar> Autopilot<T> {
             ..motion
         };
         stream.last = motion;
-        self.setpoint_message(now, &motion, altitude, climb)
+        self.setpoint_message(vehicle_now, &motion, altitude, climb)
     }
 
     // PX4 compares with the name that MAVLink has since deprecated.
     #[allow(deprecated)]
     fn setpoint_message(
         &self,
-        now: Instant,
+        vehicle_now: Instant,
         motion: &Motion<T>,
         altitude: T,
         climb: T,
@@ -206,7 +210,8 @@ impl<T: Scalar> Autopilot<T> {
         let height = altitude.to_f64() as f32;
         let altitude = (altitude + self.ground_m).to_f64() as f32;
         let climb = climb.to_f64() as f32;
-        let time_boot_ms = now.millis_wrapping();
+        // The vehicle's clock, so that a log shows what was wanted and what was flown side by side.
+        let time_boot_ms = vehicle_now.millis_wrapping();
         Some(match self.settings.coordinates {
             Coordinates::Local => {
                 let (x, y) = self.map.to_local(motion.position);

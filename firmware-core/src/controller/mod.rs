@@ -28,6 +28,7 @@ use heapless::Vec;
 
 use crate::{
     SENSORS_MAX, USERS_MAX, aircomp,
+    autopilot::guidance::Limits,
     inner::{Method, SlotLimits, Workspace},
     mission::Mission,
     policy::{Observation, Policy},
@@ -126,12 +127,12 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         Self { method, ..self }
     }
 
-    /// For a vehicle with inertia: `acceleration_mps2` is what it can be relied on to keep up in
-    /// any direction. The shield then keeps room to brake and to turn back. Without this, the
-    /// paper's kinematics.
-    pub fn rely_on_acceleration(&mut self, acceleration_mps2: T) {
+    /// For a vehicle with inertia, which can do `limits`: what it can be relied on to keep up, in
+    /// any direction. The shield then keeps room to brake and to turn back, and asks for no more
+    /// than the vehicle can fly. Without this, the paper's kinematics.
+    pub fn rely_on(&mut self, limits: &Limits<T>) {
         let slot_s = self.mission.parameters().slot_duration_s;
-        self.pace.rely_on_acceleration(acceleration_mps2, slot_s);
+        self.pace.rely_on(limits, slot_s);
     }
 
     /// What the shield counts on now.

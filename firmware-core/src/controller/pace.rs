@@ -1,17 +1,22 @@
-//! The speed that the vehicle has shown it can hold.
+//! What the vehicle can do, as far as it is known and as it has shown.
 
 use crate::{
+    autopilot::guidance::Limits,
     mission::Mission,
     scalar::{Position, Scalar},
     shield::Agility,
 };
 
-/// How far the vehicle gets in a slot, as it has shown: `V_max delta` until it is asked for nearly
-/// that, slot after slot, and never delivers it.
+/// How far the vehicle gets in a slot. It starts from the limits that its parameters leave, and is
+/// corrected by what is flown: by how much a slot goes further than it was asked to, and by what
+/// the vehicle does not deliver however long it is asked for it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pace<T: Scalar> {
     /// `V_max delta`, metres.
     reach_m: T,
+    /// By how much a slot may go further than asked, metres: kept free below `reach_m`. Zero for a
+    /// vehicle that is where it is sent.
+    tracking_m: T,
     /// What the shield counts on, metres a slot.
     held_m: T,
     /// See [`Agility`].
@@ -19,14 +24,26 @@ pub(super) struct Pace<T: Scalar> {
     drift_m: [T; 2],
     /// From where to where the last slot was flown.
     leg: Option<(Position<T>, Position<T>)>,
-    /// How many slots in a row nearly everything was asked for, and the most that came of it.
-    asked: u8,
+    /// How many slots in a row fell short of what was asked although the vehicle did not gain
+    /// speed any more, and the most that came of it.
+    short: u8,
     best_m: T,
 }
 
 impl<T: Scalar> Pace<T> {
-    /// Slots in a row that prove a vehicle slower than asked: longer than any gathers speed.
-    const PROOF: u8 = 8;
+    /// Slots in a row that prove a vehicle slower than asked.
+    const PROOF: u8 = 3;
+    /// The share of the asked way below which a slot falls short.
+    const SHORT: f64 = 0.95;
+    /// A slot that goes further than the last one by more than this share of the asked way gains
+    /// speed.
+    const GAINS: f64 = 0.05;
+    /// What is kept free at first, share of `V_max delta`.
+    const TRACKING: f64 = 0.015;
+    /// The largest share that is kept free.
+    const TRACKING_MOST: f64 = 0.1;
+    /// A slower vehicle is asked for this much more than it has shown, so that it can show more.
+    const ASKED: f64 = 1.1;
 
     pub(super) fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let Agility {
@@ -34,24 +51,35 @@ impl<T: Scalar> Pace<T> {
         } = Agility::ideal(mission);
         Self {
             reach_m,
+            tracking_m: T::zero(),
             held_m: reach_m,
             gain_m,
             drift_m: [T::zero(); 2],
             leg: None,
-            asked: 0,
+            short: 0,
             best_m: T::zero(),
         }
     }
 
-    /// For a vehicle with inertia: see [`Controller::rely_on_acceleration`](super::Controller).
-    pub(super) fn rely_on_acceleration(&mut self, acceleration_mps2: T, slot_s: T) {
-        self.gain_m = acceleration_mps2 * slot_s * slot_s;
+    /// For a vehicle with inertia: see [`Controller::rely_on`](super::Controller::rely_on).
+    pub(super) fn rely_on(&mut self, limits: &Limits<T>, slot_s: T) {
+        self.gain_m = limits.acceleration_mps2 * slot_s * slot_s;
+        if self.gain_m.finite() {
+            self.tracking_m = self.reach_m * T::of(Self::TRACKING);
+        }
+        self.held_m = self.most_m().min(limits.speed_mps * slot_s);
+    }
+
+    /// The longest step that is asked for.
+    fn most_m(&self) -> T {
+        self.reach_m - self.tracking_m
     }
 
     /// What the shield counts on.
     pub(super) fn agility(&self) -> Agility<T> {
         Agility {
-            reach_m: self.held_m,
+            step_m: self.most_m().min(self.held_m * T::of(Self::ASKED)),
+            reach_m: self.held_m.min(self.most_m()),
             gain_m: self.gain_m,
             drift_m: self.drift_m,
         }
@@ -67,18 +95,28 @@ impl<T: Scalar> Pace<T> {
         let Some((from, waypoint)) = self.leg else {
             return;
         };
-        self.drift_m = (measured - from).into();
-        let nearly_all = self.reach_m * T::of(0.99);
-        let flown_m = (measured - from).norm().min(self.reach_m);
-        self.held_m = self.held_m.max(flown_m);
-        if (waypoint - from).norm() < nearly_all || flown_m >= nearly_all {
-            self.asked = 0;
+        let last_m = nalgebra::Vector2::from(self.drift_m).norm();
+        let (asked, way) = (waypoint - from, measured - from);
+        let turned =
+            asked.dot(&nalgebra::Vector2::from(self.drift_m)) < asked.norm() * last_m * T::of(0.9);
+        self.drift_m = way.into();
+        let (asked_m, flown_m) = (asked.norm(), way.norm());
+        if self.gain_m.finite() {
+            let beyond_m = (flown_m - asked_m) * T::of(1.5);
+            let most_m = self.reach_m * T::of(Self::TRACKING_MOST);
+            self.tracking_m = self.tracking_m.max(beyond_m.min(most_m));
+        }
+        self.held_m = self.held_m.max(flown_m.min(self.most_m()));
+        let gains = flown_m > last_m + asked_m * T::of(Self::GAINS);
+        let falls_short = flown_m < asked_m * T::of(Self::SHORT);
+        if turned || gains || !falls_short {
+            self.short = 0;
             self.best_m = T::zero();
             return;
         }
-        self.asked = self.asked.saturating_add(1);
+        self.short = self.short.saturating_add(1);
         self.best_m = self.best_m.max(flown_m);
-        if self.asked >= Self::PROOF {
+        if self.short >= Self::PROOF {
             self.held_m = self.best_m;
         }
     }

@@ -24,13 +24,14 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
     SENSORS_MAX, USERS_MAX,
+    autopilot::Tick,
     controller::{ChannelState, Plan, SlotCommand},
     scalar::{Position, Scalar},
 };
 pub use status::{LinkCounters, SlotCounters, VehicleStatus};
 
 /// The version that this crate speaks. Any change of a message is a new one.
-pub const PROTOCOL_VERSION: u8 = 2;
+pub const PROTOCOL_VERSION: u8 = 3;
 
 /// The longest frame at the default capacities, in double precision.
 pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
@@ -43,13 +44,15 @@ pub const fn frame_max(users: usize, sensors: usize) -> usize {
     const U8: usize = 1;
     const U16: usize = 3;
     const U32: usize = 5;
+    const U64: usize = 10;
     const INDEX: usize = 10;
     const LENGTH: usize = 3;
     const fn larger(a: usize, b: usize) -> usize {
         if a > b { a } else { b }
     }
     let state = U32 + LENGTH + users * REAL + LENGTH + sensors * REAL;
-    let arrival = (U32 + 2 * REAL + INDEX + 4 * U8) + 2 * REAL;
+    let tick = 2 * U64 + U8 + REAL / 2;
+    let arrival = (U32 + 2 * REAL + INDEX + 4 * U8) + 2 * REAL + tick;
     let reals = LENGTH + sensors * REAL + 4 * REAL;
     let command = U32 + (U8 + INDEX) + reals + (U8 + REAL) + U8 + U32 + 2 * U16;
     let status = VehicleStatus::COUNTERS * U32;
@@ -81,8 +84,10 @@ pub enum Message<T: Scalar, const M: usize, const J: usize> {
 pub struct Arrival<T: Scalar> {
     /// What was planned: slot, waypoint, user.
     pub plan: Plan<T>,
-    /// Where the vehicle measured itself to be, metres.
+    /// Where the vehicle measured itself to be at the tick, metres.
     pub position: Position<T>,
+    /// When the slot ended, on the vehicle's clock, and how that was known.
+    pub tick: Tick,
 }
 
 /// The buffer for a frame is too small.

@@ -1,6 +1,12 @@
 use super::*;
 use crate::{
-    Watt, controller::ChannelSource, inner::*, shield::Intervention, test_missions::table_one,
+    Watt,
+    autopilot::Tick,
+    controller::ChannelSource,
+    inner::*,
+    shield::Intervention,
+    test_missions::table_one,
+    time::{Duration, Instant},
     units::PowerGain,
 };
 use proptest::prelude::*;
@@ -78,12 +84,19 @@ fn the_format_is_stable() {
             },
         },
         position: Position::new(1.0, -2.5),
+        tick: Tick {
+            time: Instant::from_micros(300),
+            lateness: Duration::from_micros(5),
+            extrapolated: true,
+            clock_rate: 1.0,
+        },
     });
     assert_eq!(
         frame(&message),
         [
-            0, 5, 2, 1, 172, 2, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 3, 192, 3, 2, 1, 1, 1,
-            1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 6, 4, 192, 77, 88, 249, 1, 0
+            0, 5, 3, 1, 172, 2, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 3, 192, 3, 2, 1, 1, 1,
+            1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 7, 4, 192, 172, 2, 5, 1, 1, 7, 128, 63, 216,
+            38, 112, 240, 0
         ]
     );
 }

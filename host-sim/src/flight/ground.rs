@@ -5,6 +5,7 @@ use firmware_core::{
     controller::ChannelState,
     inner::Method,
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
+    time::Instant,
 };
 
 use super::precision;
@@ -67,15 +68,20 @@ impl Ground {
         self.slots
     }
 
-    /// Takes bytes from the vehicle and returns those that go up to it. Where the vehicle's true
-    /// position is not known, the one it measured counts.
-    pub(super) fn receive(&mut self, bytes: &[u8], truth: Option<Position<f64>>) -> Vec<u8> {
+    /// Takes bytes from the vehicle and returns those that go up to it. `truth` says where the
+    /// vehicle was at a moment of its clock; where that is not known, the position that it
+    /// measured counts.
+    pub(super) fn receive(
+        &mut self,
+        bytes: &[u8],
+        truth: impl Fn(Instant) -> Option<Position<f64>>,
+    ) -> Vec<u8> {
         let mut uplink = Vec::new();
         for &byte in bytes {
             let outcome = self.decoder.push::<f64, USERS_MAX, SENSORS_MAX>(byte);
             match outcome {
                 Some(Ok(Message::Arrival(arrival))) => {
-                    let state = self.answer(&arrival, truth);
+                    let state = self.answer(&arrival, truth(arrival.tick.time));
                     uplink.extend(state.iter().flat_map(encode));
                 }
                 Some(Ok(Message::Command(command))) => self.obey(&command),
@@ -87,12 +93,17 @@ impl Ground {
     }
 
     /// As [`receive`](Self::receive), with a vehicle that computes in single precision.
-    pub(super) fn receive_single(&mut self, bytes: &[u8], truth: Option<Position<f64>>) -> Vec<u8> {
+    pub(super) fn receive_single(
+        &mut self,
+        bytes: &[u8],
+        truth: impl Fn(Instant) -> Option<Position<f64>>,
+    ) -> Vec<u8> {
         let mut uplink = Vec::new();
         for &byte in bytes {
             let outcome = self.decoder.push::<f32, USERS_MAX, SENSORS_MAX>(byte);
             match outcome {
                 Some(Ok(Message::Arrival(arrival))) => {
+                    let truth = truth(arrival.tick.time);
                     let state = self.answer(&precision::arrival(&arrival), truth);
                     let state = state.as_ref().map(precision::channel_state);
                     uplink.extend(state.iter().flat_map(encode));
@@ -170,6 +181,7 @@ impl Ground {
             slot: command.slot,
             planned: waypoint,
             flown: position,
+            tick: arrival.tick,
             served_user: command.served_user,
             user_power_w: command.user_power.0,
             normalizing_factor: command.normalizing_factor,
@@ -194,6 +206,7 @@ mod tests {
     use super::*;
     use crate::scenario::{Scenario, Topology, generate};
     use firmware_core::{
+        autopilot::Tick,
         controller::{Controller, SlotCommand},
         policy::StraightLine,
     };
@@ -211,7 +224,13 @@ mod tests {
         let state = ChannelState::predicted(mission, 1, &plan.waypoint);
         let command = controller.allocate(&state).expect("a command");
         let position = plan.waypoint;
-        (Arrival { plan, position }, command)
+        let tick = Tick::default();
+        let arrival = Arrival {
+            plan,
+            position,
+            tick,
+        };
+        (arrival, command)
     }
 
     /// What is at the end of a socket may say anything: slots and users that the mission does not
@@ -223,7 +242,7 @@ mod tests {
         let mut ground = Ground::new(World::new(&scenario, 1, 10), Method::Exact);
         let (arrival, command) = slot_one(&scenario);
         let mut said = 0;
-        let say = |ground: &mut Ground, message| ground.receive(&frame(&message), None).len();
+        let say = |ground: &mut Ground, message| ground.receive(&frame(&message), |_| None).len();
         for slot in [0, slots + 1, u32::MAX] {
             let mut astray = arrival;
             astray.plan.slot = slot;

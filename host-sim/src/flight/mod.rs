@@ -552,7 +552,8 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             while let Some(frame) = self.onboard.take_ground_frame(&mut downlink) {
                 quiet = false;
                 let done = self.ground.slots().len();
-                let uplink = self.ground.receive(frame, peer.true_position());
+                let truth = |time| peer.true_position_at(time);
+                let uplink = self.ground.receive(frame, truth);
                 self.onboard.receive_ground(now, &uplink);
                 for slot in self.ground.slots_mut().iter_mut().skip(done) {
                     self.stopwatch.note(slot);

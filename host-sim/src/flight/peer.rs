@@ -26,6 +26,9 @@ use crate::{
     vehicle::Vehicle,
 };
 
+/// How many steps back the built-in vehicle's true position is known: three seconds.
+const TRACK: usize = 300;
+
 /// The vehicle at the other end of the MAVLink link.
 #[derive(Debug)]
 pub struct Peer {
@@ -37,6 +40,8 @@ pub struct Peer {
     key: Option<SigningKey>,
     set_parameters: bool,
     journal: Option<ParameterJournal>,
+    /// Where the built-in vehicle was lately: its clock and its true position, oldest first.
+    track: VecDeque<(Instant, Position<f64>)>,
     log: Option<TlogWriter<BufWriter<File>>>,
     /// Why the log ends before the flight.
     log_failed: Option<io::Error>,
@@ -88,6 +93,7 @@ impl Peer {
             key: None,
             set_parameters: false,
             journal: None,
+            track: VecDeque::new(),
             log: None,
             log_failed: None,
         }
@@ -194,6 +200,11 @@ impl Peer {
         if let Vessel::BuiltIn(vehicle) = &mut self.vessel {
             vehicle.set_signing_time(unix_us);
             vehicle.step(now);
+            if self.track.len() >= TRACK {
+                self.track.pop_front();
+            }
+            let place = (vehicle.boot_time(), vehicle.true_position());
+            self.track.push_back(place);
         }
         if let Some((up, _)) = &mut self.impaired {
             while let Some(frame) = up.pop(now) {
@@ -282,6 +293,28 @@ impl Peer {
             Vessel::BuiltIn(vehicle) => Some(vehicle.true_position()),
             Vessel::Elsewhere { .. } => None,
         }
+    }
+
+    /// Where the vehicle truly was at a moment of its clock, where that is known. Between two steps
+    /// it is taken to have moved straight; a vehicle of the paper's kinematics moves only when a
+    /// setpoint arrives, and is where it is.
+    pub(super) fn true_position_at(&self, time: Instant) -> Option<Position<f64>> {
+        let Vessel::BuiltIn(vehicle) = &self.vessel else {
+            return None;
+        };
+        let after = self.track.iter().position(|(when, _)| *when >= time);
+        let Some(after) = after.filter(|_| !vehicle.is_ideal()) else {
+            return Some(vehicle.true_position());
+        };
+        let (end, there) = self.track[after];
+        let (begin, here) = self.track[after.saturating_sub(1)];
+        let span_s = (end - begin).as_secs_f64();
+        let fraction = if span_s > 0.0 {
+            (time - begin).as_secs_f64() / span_s
+        } else {
+            1.0
+        };
+        Some(here + (there - here) * fraction)
     }
 
     /// How high it truly is, metres, where that is known.

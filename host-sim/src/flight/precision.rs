@@ -21,6 +21,7 @@ pub(super) fn arrival(from: &Arrival<f32>) -> Arrival<f64> {
             intervention: from.plan.intervention,
         },
         position: from.position.map(convert),
+        tick: from.tick,
     }
 }
 

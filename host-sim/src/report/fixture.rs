@@ -3,6 +3,7 @@
 //! should have.
 
 use firmware_core::{
+    autopilot::Tick,
     controller::{ChannelState, Controller},
     policy::StraightLine,
 };
@@ -42,6 +43,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
             slot: plan.slot,
             planned: plan.waypoint,
             flown: here,
+            tick: Tick::default(),
             served_user: command.served_user,
             user_power_w: command.user_power.0,
             normalizing_factor: command.normalizing_factor,

@@ -4,7 +4,9 @@
 
 use std::io;
 
-use firmware_core::{controller::ChannelSource, inner::LimitedBy, shield::Intervention};
+use firmware_core::{
+    controller::ChannelSource, inner::LimitedBy, shield::Intervention, time::Instant,
+};
 use serde::Serialize;
 
 use crate::record::{FlightRecord, SlotRecord};
@@ -17,6 +19,8 @@ struct Row {
     planned_north_m: f64,
     flown_east_m: f64,
     flown_north_m: f64,
+    vehicle_time_s: f64,
+    extrapolated: bool,
     served_user: Option<usize>,
     user_power_w: f64,
     sensor_power_mean_w: f64,
@@ -58,6 +62,8 @@ fn row(record: &FlightRecord, slot: &SlotRecord) -> Row {
         planned_north_m: slot.planned.y,
         flown_east_m: slot.flown.x,
         flown_north_m: slot.flown.y,
+        vehicle_time_s: slot.tick.time.since(Instant::ZERO).as_secs_f64(),
+        extrapolated: slot.tick.extrapolated,
         served_user: slot.served_user,
         user_power_w: slot.user_power_w,
         sensor_power_mean_w: slot.sensor_power_mean_w,

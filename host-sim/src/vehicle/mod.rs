@@ -202,6 +202,16 @@ impl Vehicle {
         }
     }
 
+    /// Its clock: the time that its messages are stamped with.
+    pub fn boot_time(&self) -> Instant {
+        self.time
+    }
+
+    /// Whether it follows the paper's kinematics: it is where its last setpoint says.
+    pub fn is_ideal(&self) -> bool {
+        self.settings.profile == Profile::Ideal
+    }
+
     /// Where it really is, on the map, m.
     pub fn true_position(&self) -> Position<f64> {
         self.body.position

@@ -309,7 +309,7 @@ impl<B: Board> BoardFlight<'_, B> {
             let done = self.ground.slots().len();
             self.uplink = self
                 .ground
-                .receive_single(&round.ground, peer.true_position());
+                .receive_single(&round.ground, |time| peer.true_position_at(time));
             for slot in self.ground.slots_mut().iter_mut().skip(done) {
                 self.stopwatch.note(slot);
                 observer.slot(slot);

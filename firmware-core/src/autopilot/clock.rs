@@ -1,0 +1,278 @@
+//! The vehicle's clock, seen from ours.
+//!
+//! Every position carries the vehicle's own time since boot. What is flown is scheduled in that
+//! time, because nobody else's is reproducible from a log: slot `n` ends at `t_0 + n delta` of
+//! the vehicle's clock, whatever messages arrive when. [`VehicleClock`] maps our time to it.
+//!
+//! # Model
+//!
+//! A message that was stamped `v` on the vehicle arrives at `o = offset + v / rate + delay` of our
+//! time, where `delay >= 0` is different for every message. The two clocks may differ in rate by
+//! several per cent (a simulation that does not keep up, or `--speed`), and a link may hold
+//! messages back for a moment. So:
+//!
+//! * of each [`BUCKET`] of our time, the message that was delayed least stands for all;
+//! * the rate is the median of the slopes between such messages half a window apart: fewer than
+//!   a quarter of the buckets can be arbitrarily late without an effect;
+//! * the offset is that of the message which was delayed least in the whole window.
+//!
+//! The mapping that is published follows the estimate without jumps once a flight depends on it:
+//! it is corrected by at most [`SLEW`] of the time that passes, unless it is off by more than
+//! [`STEP`].
+//!
+//! Worst case: [`BUCKETS`] points, sorted once a second. About 600 bytes.
+
+use crate::time::{Duration, Instant};
+
+/// Length of a bucket, in our time.
+const BUCKET: Duration = Duration::from_secs(1);
+/// How many buckets the estimate is made from.
+const BUCKETS: usize = 32;
+/// The rate is estimated from this many buckets on; until then the clocks count as equally fast.
+const BUCKETS_FOR_RATE: usize = 6;
+/// The largest rate of correction, of the time that passes.
+const SLEW: f64 = 0.02;
+/// A mapping that is off by more than this is set at once, microseconds.
+const STEP: f64 = 250_000.0;
+/// Time in which a deviation would be corrected if [`SLEW`] allowed it, microseconds.
+const CORRECTION: f64 = 2e6;
+/// Rates outside this range are not believed.
+const RATES: core::ops::RangeInclusive<f64> = 0.5..=2.0;
+
+/// A message: when it was stamped on the vehicle and when it came, microseconds of either clock.
+#[derive(Clone, Copy, Debug)]
+struct Stamp {
+    vehicle_us: u64,
+    ours_us: u64,
+}
+
+impl Stamp {
+    /// When the vehicle's clock showed zero, in our time, if it ran at `rate`.
+    fn offset_us(&self, rate: f64) -> f64 {
+        self.ours_us as f64 - self.vehicle_us as f64 / rate
+    }
+}
+
+/// Maps our time to the vehicle's. See the module's documentation.
+#[derive(Clone, Debug)]
+pub struct VehicleClock {
+    /// The least delayed message of each bucket, oldest first.
+    buckets: heapless::Deque<Stamp, BUCKETS>,
+    /// When the newest bucket began, in our time.
+    bucket_since: Instant,
+    /// Estimated: seconds of the vehicle per second of ours.
+    rate: f64,
+    /// Published: at `ours_us` the vehicle's clock showed `vehicle_us` and ran at `pace`.
+    published: Option<Published>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Published {
+    ours_us: u64,
+    vehicle_us: f64,
+    pace: f64,
+}
+
+impl Published {
+    fn vehicle_us(&self, ours_us: u64) -> f64 {
+        let passed = if ours_us >= self.ours_us {
+            (ours_us - self.ours_us) as f64
+        } else {
+            -((self.ours_us - ours_us) as f64)
+        };
+        self.vehicle_us + passed * self.pace
+    }
+}
+
+impl Default for VehicleClock {
+    fn default() -> Self {
+        Self {
+            buckets: heapless::Deque::new(),
+            bucket_since: Instant::ZERO,
+            rate: 1.0,
+            published: None,
+        }
+    }
+}
+
+impl VehicleClock {
+    /// Takes a message that was stamped `vehicle` by the vehicle and came at `now`. With `smooth`
+    /// the published mapping does not jump.
+    pub fn observe(&mut self, now: Instant, vehicle: Instant, smooth: bool) {
+        let stamp = Stamp {
+            vehicle_us: vehicle.micros(),
+            ours_us: now.micros(),
+        };
+        let opens = self.buckets.is_empty() || now - self.bucket_since >= BUCKET;
+        if opens {
+            self.bucket_since = now;
+            if self.buckets.is_full() {
+                self.buckets.pop_front();
+            }
+            // Cannot be full: one was just taken out if it was.
+            let _ = self.buckets.push_back(stamp);
+            self.estimate_rate();
+        } else if let Some(newest) = self.buckets.back_mut() {
+            if stamp.offset_us(self.rate) < newest.offset_us(self.rate) {
+                *newest = stamp;
+            }
+        }
+        self.publish(now, smooth);
+    }
+
+    /// The vehicle's clock at `now`; `None` before the first message.
+    pub fn vehicle_time(&self, now: Instant) -> Option<Instant> {
+        let vehicle_us = self.published?.vehicle_us(now.micros());
+        // `as` saturates and sends NaN to 0.
+        Some(Instant::from_micros(libm::round(vehicle_us) as u64))
+    }
+
+    /// When the vehicle's clock shows `vehicle`, in our time; `None` before the first message.
+    pub fn our_time(&self, vehicle: Instant) -> Option<Instant> {
+        let published = self.published?;
+        let ahead = (vehicle.micros() as f64 - published.vehicle_us) / published.pace;
+        let ours = published.ours_us as f64 + ahead;
+        Some(Instant::from_micros(libm::ceil(ours) as u64))
+    }
+
+    /// Seconds of the vehicle per second of ours, as estimated.
+    pub fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// The median slope between points half of the window apart.
+    fn estimate_rate(&mut self) {
+        // The newest bucket has one message so far, however late.
+        let known = self.buckets.len().saturating_sub(1);
+        if known < BUCKETS_FOR_RATE {
+            return;
+        }
+        let half = known / 2;
+        let mut slopes: heapless::Vec<f64, BUCKETS> = heapless::Vec::new();
+        let later = self.buckets.iter().skip(half).take(known - half);
+        for (earlier, later) in self.buckets.iter().zip(later) {
+            let ours = later.ours_us.saturating_sub(earlier.ours_us) as f64;
+            let vehicle = later.vehicle_us.saturating_sub(earlier.vehicle_us) as f64;
+            // Holds no more than BUCKETS / 2 + 1.
+            let _ = slopes.push(vehicle / ours.max(1.0));
+        }
+        let middle = slopes.len() / 2;
+        let (_, &mut median, _) = slopes.select_nth_unstable_by(middle, f64::total_cmp);
+        if RATES.contains(&median) {
+            self.rate = median;
+        }
+    }
+
+    fn publish(&mut self, now: Instant, smooth: bool) {
+        let rate = self.rate;
+        let offsets = self.buckets.iter().map(|stamp| stamp.offset_us(rate));
+        let offset_us = offsets.fold(f64::INFINITY, f64::min);
+        let ours_us = now.micros();
+        let estimate_us = (ours_us as f64 - offset_us) * rate;
+        let known_us = self
+            .published
+            .map(|published| published.vehicle_us(ours_us));
+        let (vehicle_us, pace) = match known_us {
+            Some(known_us) if smooth && libm::fabs(estimate_us - known_us) <= STEP => {
+                let correction = (estimate_us - known_us) / CORRECTION;
+                (known_us, rate * (1.0 + correction.clamp(-SLEW, SLEW)))
+            }
+            _ => (estimate_us, rate),
+        };
+        self.published = Some(Published {
+            ours_us,
+            vehicle_us,
+            pace,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+
+    fn at(seconds: f64) -> Instant {
+        Instant::ZERO + Duration::from_secs_f64(seconds)
+    }
+
+    fn seconds(instant: Instant) -> f64 {
+        (instant - Instant::ZERO).as_secs_f64()
+    }
+
+    /// The largest error of the mapping in the second half of `seconds`, in seconds, with messages
+    /// every 50 ms that are late by `delay`.
+    fn worst_error_s(rate: f64, lasts_s: f64, mut delay: impl FnMut(f64) -> f64) -> f64 {
+        let mut clock = VehicleClock::default();
+        let (mut came, mut worst) = (0.0_f64, 0.0_f64);
+        for n in 0..(lasts_s * 20.0) as u32 {
+            let sent = 7.0 + f64::from(n) * 0.05;
+            // In order, as a link delivers.
+            came = (sent + delay(sent)).max(came + 1e-6);
+            // The vehicle stamps whole milliseconds.
+            let stamp = ((sent - 7.0) * rate * 1e3).floor() * 1e-3;
+            clock.observe(at(came), at(stamp), sent > 20.0);
+            if sent > 7.0 + lasts_s / 2.0 {
+                let vehicle = clock.vehicle_time(at(came)).unwrap();
+                let truth = (came - 7.0) * rate;
+                worst = worst.max((seconds(vehicle) - truth).abs());
+                let back = clock.our_time(vehicle).unwrap();
+                assert!((seconds(back) - came).abs() < 1e-5);
+            }
+        }
+        assert!((clock.rate() / rate - 1.0).abs() < 5e-4, "{}", clock.rate());
+        worst
+    }
+
+    #[test]
+    fn equal_clocks_without_delay_are_equal_to_the_microsecond() {
+        let mut clock = VehicleClock::default();
+        assert_eq!(clock.vehicle_time(at(1.0)), None);
+        for n in 0..4_000 {
+            let now = Instant::from_micros(n * 50_000);
+            clock.observe(now, now, n > 200);
+            let later = now + Duration::from_micros(12_345);
+            assert_eq!(clock.vehicle_time(later), Some(later));
+            assert_eq!(clock.our_time(later), Some(later));
+        }
+        assert_eq!(clock.rate(), 1.0);
+    }
+
+    #[test]
+    fn a_hiccup_shifts_nothing() {
+        // 130 ms without a message, then all of them at once; and a whole second like that.
+        for (begin, end) in [(60.0, 60.13), (60.0, 61.0)] {
+            let late = |sent: f64| {
+                if (begin..end).contains(&sent) {
+                    end - sent
+                } else {
+                    0.0
+                }
+            };
+            let worst = worst_error_s(0.99, 80.0, late);
+            assert!(worst < 3e-3, "{worst}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            rng_seed: proptest::test_runner::RngSeed::Fixed(1),
+            ..ProptestConfig::with_cases(100)
+        })]
+
+        /// Several per cent of rate, delays up to 40 ms, and every ten seconds one message that is
+        /// up to a second late and holds up those behind it: right within a few milliseconds.
+        #[test]
+        fn offset_and_rate_are_found(rate in 0.93f64..1.07, seed: u64, most_s in 0.0f64..0.04) {
+            let mut random = Pcg64Mcg::seed_from_u64(seed);
+            let worst = worst_error_s(rate, 80.0, |_| {
+                let late = if random.random_bool(0.005) { random.random_range(0.0..1.0) } else { 0.0 };
+                late + random.random_range(0.0..=most_s)
+            });
+            prop_assert!(worst < 0.012, "{worst}");
+        }
+    }
+}
