@@ -12,6 +12,7 @@
 //! | [`search`] | a mission that comes close to it |
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`] | what a flight leaves behind |
+//! | [`journal`] | what is changed in a vehicle and not put back yet |
 //! | [`document`] | tables that commands write into documents |
 //! | [`experiment`] | the figures of the paper |
 
@@ -23,6 +24,7 @@ pub mod document;
 pub mod experiment;
 pub mod flight;
 pub mod interrupt;
+pub mod journal;
 pub mod link;
 pub mod nomographic;
 pub mod policy;

@@ -35,6 +35,10 @@ pub struct FlightRecord {
     pub events: Vec<FlightEvent>,
     /// What came over the ground link, and what did not.
     pub link: LinkRecord,
+    /// Whether the mission was flown to its end and the vehicle landed.
+    pub completed: bool,
+    /// How the flight ended, in words: "landed", or the true cause.
+    pub ended: String,
 }
 
 /// Something that happened, in words.
@@ -44,6 +48,8 @@ pub struct FlightEvent {
     pub time_s: f64,
     /// What.
     pub text: String,
+    /// Whether a person wants to see it when it happens.
+    pub notable: bool,
 }
 
 /// What became of the ground link's frames, at both ends.
@@ -175,6 +181,10 @@ pub struct Summary {
     pub inner: String,
     /// Which vehicle.
     pub profile: String,
+    /// Whether the mission was flown to its end and the vehicle landed.
+    pub completed: bool,
+    /// How the flight ended, in words: "landed", or the true cause.
+    pub ended: String,
     /// Slots flown.
     pub slots: usize,
     /// Sum of the rates, bit/s/Hz.
@@ -254,6 +264,8 @@ impl FlightRecord {
             policy: self.policy.clone(),
             inner: self.inner.clone(),
             profile: self.profile.clone(),
+            completed: self.completed,
+            ended: self.ended.clone(),
             slots: self.slots.len(),
             sum_rate: self.slots.iter().map(|slot| slot.rate).sum(),
             sum_rate_physical_limit: f64::from(mission.slots()) * mission.slot_rate_limit(),

@@ -80,6 +80,39 @@ fn heartbeat_lost_falls_silent_and_lands_when_it_is_back() {
     assert_eq!(flight.vehicle.altitude_m(), 0.0);
 }
 
+/// In flight and while landing: 5 s and 20 s after the last heartbeat the flight is over, the first
+/// cause is kept, and nothing is sent any more until the autopilot is heard.
+#[test]
+fn a_dead_link_ends_the_flight() {
+    for landing in [false, true] {
+        let mut flight = hovering();
+        fly_on(&mut flight, 3);
+        if landing {
+            flight.client.land(flight.now);
+            flight.run_for(Duration::from_secs(2));
+        }
+        flight.vehicle.faults.no_heartbeat = true;
+        flight.vehicle.faults.no_position = landing;
+        let lost = flight.now;
+        flight.run_until_phase(Phase::Released, Duration::from_secs(27));
+        let after = flight.now - lost;
+        assert!(after >= Duration::from_secs(24), "{after:?}");
+        assert_eq!(flight.client.fault(), Some(Cause::HeartbeatLost));
+        assert!(flight.client.is_link_dead(flight.now));
+        let (last, _) = flight.sent.last().unwrap();
+        assert!(*last - lost <= Duration::from_millis(5_100));
+        let said = "FAILSAFE link dead: release control";
+        assert!(flight.log.iter().any(|line| line.ends_with(said)));
+        // Heard again: our heartbeat goes on, and nothing else.
+        flight.vehicle.faults.no_heartbeat = false;
+        let heard = flight.now;
+        flight.run_for(Duration::from_secs(5));
+        assert!(acts(&flight, heard).is_empty());
+        assert!(flight.sent.iter().any(|(at, _)| *at > heard));
+        assert!(!flight.client.is_link_dead(flight.now));
+    }
+}
+
 #[test]
 fn position_lost_lands() {
     let mut flight = hovering();

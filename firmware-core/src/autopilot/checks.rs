@@ -297,12 +297,42 @@ pub fn advice(firmware: Firmware, speed_mps: f32) -> impl Iterator<Item = Advice
     })
 }
 
-/// A parameter that was changed: what it was, as it came.
-#[derive(Clone, Copy, Debug)]
-struct Change {
-    name: &'static str,
-    was: f32,
-    kind: MavParamType,
+/// A parameter that is not as it was found, or is about to be changed: what it was, as it came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChangedParameter {
+    /// Its name.
+    pub name: &'static str,
+    /// What it was, as on the wire: PX4 sends the bytes of its integers, so only the bits count.
+    pub was: f32,
+    /// Its type.
+    pub kind: MavParamType,
+}
+
+impl ChangedParameter {
+    /// One that an earlier run wrote down: its name, the bits of its value and the number of its
+    /// type. `None` if the client never changes a parameter of that name or type.
+    pub fn noted(name: &str, was_bits: u32, kind: u8) -> Option<Self> {
+        const KINDS: [MavParamType; 7] = [
+            MavParamType::MAV_PARAM_TYPE_UINT8,
+            MavParamType::MAV_PARAM_TYPE_INT8,
+            MavParamType::MAV_PARAM_TYPE_UINT16,
+            MavParamType::MAV_PARAM_TYPE_INT16,
+            MavParamType::MAV_PARAM_TYPE_UINT32,
+            MavParamType::MAV_PARAM_TYPE_INT32,
+            MavParamType::MAV_PARAM_TYPE_REAL32,
+        ];
+        let mut rules = ARDUCOPTER.iter().chain(&PX4);
+        Some(Self {
+            name: rules.find(|rule| rule.name == name)?.name,
+            was: f32::from_bits(was_bits),
+            kind: KINDS.into_iter().find(|known| *known as u8 == kind)?,
+        })
+    }
+
+    /// What it was, as a number in its own unit.
+    pub fn value(&self, firmware: Firmware) -> f32 {
+        number(firmware, self.kind, self.was)
+    }
 }
 
 /// The most parameters that can clip a mission; no autopilot here has more rules.
@@ -319,7 +349,9 @@ pub(super) struct Reader {
     /// Of the rule that is next: what it was and what it is being set to.
     setting: Option<(f32, f32)>,
     /// What is not as it was found, oldest first; the last is put back first.
-    changed: Vec<Change, CHANGES>,
+    changed: Vec<ChangedParameter, CHANGES>,
+    /// What is changed was changed by an earlier run, and is put back before anything is read.
+    restores_first: bool,
 }
 
 const ANSWER_TIME: Duration = Duration::from_millis(600);
@@ -329,7 +361,34 @@ const ATTEMPTS: u8 = 10;
 impl Reader {
     /// Everything was read (and set) or given up.
     pub(super) fn is_done(&self, firmware: Firmware) -> bool {
-        self.next >= rules(firmware).len()
+        !self.restores_first && self.next >= rules(firmware).len()
+    }
+
+    /// Remembers what an earlier run changed: it is put back before anything is read.
+    pub(super) fn restore_first(&mut self, changes: &[ChangedParameter]) {
+        for change in changes {
+            let known = self.changed.iter().any(|known| known.name == change.name);
+            if !known && self.changed.push(*change).is_ok() {
+                self.restores_first = true;
+            }
+        }
+    }
+
+    /// Whether something is still to be put back before anything is read.
+    pub(super) fn restores_first(&self) -> bool {
+        self.restores_first
+    }
+
+    /// What is not as it was found, oldest first.
+    pub(super) fn changed(&self) -> &[ChangedParameter] {
+        &self.changed
+    }
+
+    /// One of the changed parameters is no longer to be put back.
+    fn settled(&mut self) -> Option<ChangedParameter> {
+        let change = self.changed.pop();
+        self.restores_first &= !self.changed.is_empty();
+        change
     }
 
     /// Nothing is changed that would have to be put back.
@@ -339,10 +398,10 @@ impl Reader {
 
     /// The next of what is still changed, given up: in words.
     pub(super) fn give_up(&mut self, firmware: Firmware) -> Option<Finding> {
-        let change = self.changed.pop()?;
+        let change = self.settled()?;
         Some(Finding::NotRestored {
             name: change.name,
-            value: number(firmware, change.kind, change.was),
+            value: change.value(firmware),
         })
     }
 
@@ -435,7 +494,7 @@ impl Reader {
             && may_set
             // What cannot be remembered is not changed. It counts as changed before it is:
             // the answer can get lost.
-            && self.changed.push(Change {
+            && self.changed.push(ChangedParameter {
                 name: rule.name,
                 was: message.param_value,
                 kind: message.param_type,
@@ -488,7 +547,7 @@ impl Reader {
             return None;
         }
         let name = change.name;
-        self.changed.pop();
+        self.settled();
         self.attempts = 0;
         self.due = Instant::ZERO;
         let value = number(firmware, message.param_type, message.param_value);

@@ -16,6 +16,8 @@ use crate::time::Duration;
 pub enum Cause {
     /// No heartbeat of the autopilot.
     HeartbeatLost,
+    /// Still no heartbeat, long after it was lost.
+    LinkDead,
     /// No position sample.
     PositionLost,
     /// The position changed faster than anything flies.
@@ -67,12 +69,18 @@ pub struct Row {
 }
 
 /// The whole of it.
-pub static TABLE: [Row; 13] = [
+pub static TABLE: [Row; 14] = [
     Row {
         cause: Cause::HeartbeatLost,
         detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s)",
         reaction: Reaction::Silence,
         ends: "the autopilot's own link failsafe; if it is heard again and still ours, NAV_LAND",
+    },
+    Row {
+        cause: Cause::LinkDead,
+        detected: "no heartbeat for `link_dead` (20 s) more, in flight, while landing or while starting",
+        reaction: Reaction::Release,
+        ends: "the flight of the client is over; the vehicle flies by its own link failsafe",
     },
     Row {
         cause: Cause::PositionLost,
@@ -162,6 +170,7 @@ impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::HeartbeatLost => "autopilot heartbeat lost",
+            Self::LinkDead => "link dead",
             Self::PositionLost => "position lost",
             Self::PositionJumped => "position jumped",
             Self::SetpointsIgnored => "setpoints ignored",
@@ -193,6 +202,8 @@ impl fmt::Display for Reaction {
 pub struct Watch<T> {
     /// Without a heartbeat.
     pub heartbeat: Duration,
+    /// Silence after [`Watch::heartbeat`] has passed until the flight is given up.
+    pub link_dead: Duration,
     /// Without a position sample.
     pub position: Duration,
     /// Least jump that counts as one, m.
@@ -217,6 +228,7 @@ impl<T: Scalar> Default for Watch<T> {
     fn default() -> Self {
         Self {
             heartbeat: Duration::from_secs(5),
+            link_dead: Duration::from_secs(20),
             position: Duration::from_millis(1500),
             jump_m: T::of(60.0),
             ignored_legs: 6,

@@ -143,7 +143,8 @@ impl<T: Scalar> Autopilot<T> {
         let Some((_, firmware)) = self.vehicle else {
             return;
         };
-        let found = if self.phase.is_final() {
+        let restoring = self.phase.is_final() || self.restore_now || self.reader.restores_first();
+        let found = if restoring {
             self.reader.take_restored(firmware, value)
         } else {
             let needs = self.needs();

@@ -54,7 +54,7 @@ use core::fmt;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-pub use checks::{Advice, Finding, advice};
+pub use checks::{Advice, ChangedParameter, Finding, advice};
 pub use command::{Outcome, Patience, Request};
 pub use event::Event;
 pub use settings::{Coordinates, Geofence, Settings, SettingsError};
@@ -288,6 +288,8 @@ pub struct Autopilot<T: Scalar> {
     ground_heard: Option<Instant>,
     fault: Option<Cause>,
     silent: bool,
+    /// Parameters are put back whatever the motors do.
+    restore_now: bool,
     events: Events,
 }
 
@@ -322,6 +324,7 @@ impl<T: Scalar> Autopilot<T> {
             ground_heard: None,
             fault: None,
             silent: false,
+            restore_now: false,
             events: Events::default(),
         })
     }
@@ -475,6 +478,51 @@ impl<T: Scalar> Autopilot<T> {
     /// final phase with motors off they are put back; keep polling until this is true.
     pub fn is_restored(&self) -> bool {
         self.reader.is_restored()
+    }
+
+    /// Parameters that are not as they were found, oldest first. One appears here before the
+    /// message that changes it is given out by [`Autopilot::poll`]: a caller that writes the list
+    /// down after every [`Autopilot::receive`] can put everything back, even after a crash.
+    pub fn changed_parameters(&self) -> &[ChangedParameter] {
+        self.reader.changed()
+    }
+
+    /// Parameters that an earlier run changed and did not put back: that is done as soon as the
+    /// motors stand still, before anything is read. To be called before the first heartbeat has
+    /// been answered, which is before the next [`Autopilot::poll`] after it.
+    pub fn restore_first(&mut self, changes: &[ChangedParameter]) {
+        self.reader.restore_first(changes);
+    }
+
+    /// Puts parameters back from now on, even while the motors turn: the caller is about to leave.
+    pub fn restore_now(&mut self) {
+        self.restore_now = true;
+    }
+
+    /// Whether a landing has been asked for and the autopilot has not begun it yet: until it has,
+    /// leaving would leave the vehicle without an order.
+    pub fn awaits_landing(&self) -> bool {
+        let ours = self.vehicle.map(|(_, firmware)| firmware.control_mode());
+        self.phase == Phase::Landing && self.telemetry.armed && self.holds == ours
+    }
+
+    /// For how long the latched autopilot has not been heard; `None` before its first heartbeat.
+    pub fn heartbeat_age(&self, now: Instant) -> Option<Duration> {
+        Some(now - self.telemetry.heartbeat_came?)
+    }
+
+    /// Whether the autopilot has not been heard for [`failsafe::Watch::heartbeat`]: the link, or
+    /// what is at its other end, is dead for now.
+    pub fn is_link_silent(&self, now: Instant) -> bool {
+        self.heartbeat_age(now)
+            .is_some_and(|age| age > self.settings.watch.heartbeat)
+    }
+
+    /// Whether the silence has lasted for [`failsafe::Watch::link_dead`] longer than that.
+    pub fn is_link_dead(&self, now: Instant) -> bool {
+        let watch = &self.settings.watch;
+        self.heartbeat_age(now)
+            .is_some_and(|age| age > watch.heartbeat + watch.link_dead)
     }
 
     /// Gives up putting parameters back: an event for each says what it was.

@@ -385,6 +385,10 @@ impl<T: Scalar> Autopilot<T> {
         if armed_by_us && !self.silent && now - heard > watch.heartbeat {
             return Some(Cause::HeartbeatLost);
         }
+        let concerned = armed_by_us || starting || self.launch;
+        if concerned && now - heard > watch.heartbeat + watch.link_dead {
+            return Some(Cause::LinkDead);
+        }
         if self.silent {
             return None;
         }
@@ -444,6 +448,15 @@ impl<T: Scalar> Autopilot<T> {
         self.events.push(Event::Failsafe { cause, reaction });
         self.launch = false;
         match reaction {
+            // Control that was never taken cannot be released.
+            Reaction::Release
+                if matches!(
+                    self.phase,
+                    Phase::Checking | Phase::Standby | Phase::TakingControl
+                ) =>
+            {
+                self.enter(now, Phase::Failed);
+            }
             Reaction::Release => self.enter(now, Phase::Released),
             Reaction::Silence => self.silent = true,
             Reaction::Land if ending => self.enter(now, Phase::Failed),

@@ -103,8 +103,16 @@ impl<T: Scalar> Autopilot<T> {
     /// Parameters are read, and set, while nothing else is asked for.
     fn parameter_request(&mut self, now: Instant) -> Option<MavMessage> {
         let vehicle = self.vehicle?;
-        if self.phase != Phase::Checking || self.pending.is_some() {
+        if self.phase != Phase::Checking || self.pending.is_some() || self.restore_now {
             return None;
+        }
+        if self.reader.restores_first() {
+            if self.telemetry.armed {
+                return None;
+            }
+            let events = &mut self.events;
+            let report = |finding| events.push(Event::Finding(finding));
+            return self.reader.restore(now, vehicle, report);
         }
         let needs = self.needs();
         let events = &mut self.events;
@@ -113,10 +121,12 @@ impl<T: Scalar> Autopilot<T> {
             .request(now, vehicle, &needs, &mut self.limits, report)
     }
 
-    /// After the flight, with motors off, parameters become what they were.
+    /// After the flight, with motors off, parameters become what they were. While the link is
+    /// silent no attempt is spent.
     fn restoration(&mut self, now: Instant) -> Option<MavMessage> {
         let vehicle = self.vehicle?;
-        if !self.phase.is_final() || self.telemetry.armed || self.reader.is_restored() {
+        let may = self.phase.is_final() && !self.telemetry.armed && !self.is_link_silent(now);
+        if !(may || self.restore_now) || self.reader.is_restored() {
             return None;
         }
         let events = &mut self.events;

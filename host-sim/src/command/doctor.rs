@@ -1,6 +1,8 @@
 //! `host-sim doctor`: would a mission fly with this autopilot, and how well? Moves nothing.
 
-use std::path::PathBuf;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
@@ -8,9 +10,11 @@ use firmware_core::autopilot::{Autopilot, Event};
 use firmware_core::time::Duration;
 use host_sim::{
     doctor, flight, interrupt,
+    journal::{self, ParameterJournal},
     link::{
         Link, LinkAddress, Port, Session, key,
         lossy::{Impaired, Impairment},
+        tlog::{TlogWriter, wall_clock_us},
     },
     vehicle::Profile,
 };
@@ -39,6 +43,9 @@ pub(crate) struct AutopilotArguments {
     /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
     impair: Option<Impairment>,
+    /// Where to write the MAVLink log [default: out/doctor.tlog or out/upload.tlog]
+    #[arg(long, value_name = "FILE")]
+    tlog: Option<PathBuf>,
     /// How long to wait for it to be ready, seconds of its time
     #[arg(long, default_value_t = 60, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
     patience: u64,
@@ -56,10 +63,31 @@ impl AutopilotArguments {
         Duration::from_secs(self.patience)
     }
 
-    /// A session on the link, and a client for the mission.
+    /// Where the link is, for the journal of parameters.
+    fn link_name(&self) -> String {
+        self.link.to_string()
+    }
+
+    /// A log of all that passes; `command` names the file where no other is given.
+    fn log(&self, command: &str) -> Result<TlogWriter<Box<dyn Write + Send>>, Failure> {
+        let default = || Path::new("out").join(format!("{command}.tlog"));
+        let path = self.tlog.clone().unwrap_or_else(default);
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let created = match folder.as_os_str().is_empty() {
+            true => Ok(()),
+            false => fs::create_dir_all(folder),
+        };
+        let file = created.and_then(|()| File::create(&path));
+        let named = |error| Failure::bad_input(format!("--tlog {}: {error}", path.display()));
+        let file = BufWriter::new(file.map_err(named)?);
+        Ok(TlogWriter::new(Box::new(file), wall_clock_us()))
+    }
+
+    /// A session on the link, and a client for the mission. `command` names the log.
     pub(super) fn connect(
         &self,
         scenario: &host_sim::scenario::Scenario,
+        command: &str,
     ) -> Result<(Session, Autopilot<f64>), Failure> {
         let settings = flight::autopilot_settings(scenario, self.profile);
         let client = Autopilot::new(settings).map_err(Failure::bad_input)?;
@@ -70,6 +98,7 @@ impl AutopilotArguments {
             impaired(self.link.open().map_err(failed)?, self.impair.as_ref()),
             settings.own,
         );
+        port.log_to(self.log(command)?);
         if let Some(key) = key {
             port.sign_with(key, 1);
         }
@@ -91,10 +120,53 @@ pub(super) fn impaired(link: Box<dyn Link>, impairment: Option<&Impairment>) -> 
     }
 }
 
+/// What the doctor does.
+#[derive(Debug, Args)]
+pub(crate) struct DoctorArguments {
+    #[command(flatten)]
+    autopilot: AutopilotArguments,
+    /// Put back the parameters that an interrupted run left changed, as soon as the vehicle is
+    /// disarmed; changes nothing else
+    #[arg(long)]
+    restore: bool,
+    /// The journal that the run left in its --out
+    #[arg(long, value_name = "FILE", requires = "restore", default_value_os_t = default_journal())]
+    journal: PathBuf,
+}
+
+fn default_journal() -> PathBuf {
+    Path::new("out").join(journal::FILE_NAME)
+}
+
+/// Puts parameters back and says so.
+fn restore(arguments: &DoctorArguments) -> Result<(), Failure> {
+    let (autopilot, file) = (&arguments.autopilot, &arguments.journal);
+    let journal = ParameterJournal::open(file, &autopilot.link_name());
+    let mut journal = journal.map_err(Failure::bad_input)?;
+    if journal.is_empty() {
+        println!("{}: nothing is to be put back", file.display());
+        return Ok(());
+    }
+    let scenario = load_scenario(&autopilot.scenario)?;
+    let (mut session, mut client) = autopilot.connect(&scenario, "doctor")?;
+    let (stop, say) = (interrupt::flag(), |words: &str| eprintln!("{words}"));
+    journal::restore(&mut session, &mut client, &mut journal, &stop, say)
+        .map_err(Failure::failed)?;
+    println!(
+        "all parameters are as they were; {} is gone",
+        file.display()
+    );
+    Ok(())
+}
+
 /// Looks and says what was found; fails if a mission would not start.
-pub(crate) fn execute(arguments: &AutopilotArguments) -> Result<(), Failure> {
+pub(crate) fn execute(arguments: &DoctorArguments) -> Result<(), Failure> {
+    if arguments.restore {
+        return restore(arguments);
+    }
+    let arguments = &arguments.autopilot;
     let scenario = load_scenario(&arguments.scenario)?;
-    let (mut session, mut client) = arguments.connect(&scenario)?;
+    let (mut session, mut client) = arguments.connect(&scenario, "doctor")?;
     let begun = session.now();
     let say = |event: &Event| {
         if matches!(event, Event::Connected { .. } | Event::Waiting(_)) {

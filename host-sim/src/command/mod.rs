@@ -19,6 +19,7 @@ use std::{
 };
 
 use host_sim::{
+    interrupt,
     policy::{HostPolicy, PolicyChoice},
     scenario::Scenario,
 };
@@ -31,6 +32,8 @@ pub(crate) enum Failure {
     BadInput(String),
     /// It was tried and failed: exit code 1.
     Failed(String),
+    /// A person ended it with ctrl-C before it was over: exit code 130.
+    Interrupted(String),
     /// Whoever read our output has had enough, which is no failure.
     NobodyReads,
 }
@@ -52,6 +55,7 @@ impl Failure {
             Self::NobodyReads => return ExitCode::SUCCESS,
             Self::BadInput(problem) => (problem, 2),
             Self::Failed(problem) => (problem, 1),
+            Self::Interrupted(problem) => (problem, interrupt::EXIT_CODE),
         };
         eprintln!("error: {problem}");
         ExitCode::from(code)

@@ -1,23 +1,16 @@
 //! `host-sim run`: flies one mission and writes what came of it.
 
-use std::{
-    io::Write,
-    path::PathBuf,
-    str::FromStr,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-};
+use std::{io::Write, path::PathBuf, str::FromStr};
 
 use clap::Args;
 use host_sim::{
     allocation::Allocation,
     flight::{
-        self, FailedFlight, FlightSettings, Observer, Pace, Peer,
+        self, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
         board::{self, Board},
     },
-    interrupt,
+    interrupt::Presses,
+    journal::{self, ParameterJournal},
     link::{LinkAddress, key, lossy::Impairment},
     policy::PolicyChoice,
     record::{FlightEvent, FlightRecord, SlotRecord, Summary},
@@ -81,7 +74,8 @@ pub(crate) struct RunArguments {
     /// Symbols drawn in each slot for the empirical MSE
     #[arg(long, default_value_t = SYMBOLS_PER_SLOT, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     symbols: u32,
-    /// Where to write summary.json, slots.csv, report.html and the MAVLink log
+    /// Where to write summary.json, slots.csv, report.html, the MAVLink log and, while parameters of
+    /// the vehicle are changed, their journal
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
     /// Print summary.json on standard output, and nothing else there
@@ -168,20 +162,45 @@ fn prepare(
     let peer = connect(arguments, scenario)?
         .log_to(&arguments.out.join("mavlink.tlog"))
         .map_err(|error| Failure::failed(format!("mavlink.tlog: {error}")))?;
-    Ok((settings, peer, Show::new(scenario)?))
+    Ok((
+        settings,
+        peer,
+        Show::new(scenario, shows_events(arguments))?,
+    ))
+}
+
+/// Whether events are shown when they happen. The built-in vehicle without a pace flies a mission
+/// in a moment, and its events are shown only where that fails.
+fn shows_events(arguments: &RunArguments) -> bool {
+    arguments.link != LinkAddress::Builtin || arguments.speed != Pace::Max
+}
+
+/// An event in a line.
+fn line(event: &FlightEvent) -> String {
+    format!("{:9.2} s  {}", event.time_s, event.text)
 }
 
 /// What came of a flight.
 fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> Result<(), Failure> {
-    match flown {
-        Ok(record) => conclude(&record, arguments),
-        Err(failed) => {
-            for event in failed.record.iter().flat_map(|record| &record.events) {
-                eprintln!("{:9.2} s  {}", event.time_s, event.text);
+    let failed = match flown {
+        Ok(record) => return conclude(&record, arguments),
+        Err(failed) => failed,
+    };
+    if let Some(record) = &failed.record {
+        if !shows_events(arguments) {
+            for event in &record.events {
+                eprintln!("{}", line(event));
             }
-            Err(Failure::failed(failed.error))
+        }
+        // What was flown is worth a report, and the cause of its end more than an error there.
+        if let Err(Failure::Failed(problem)) = write_report(record, arguments) {
+            eprintln!("warning: {problem}");
         }
     }
+    Err(match failed.error {
+        error @ FlightError::Ended { .. } => Failure::Interrupted(error.to_string()),
+        error => Failure::failed(error),
+    })
 }
 
 /// The vehicle: built in, or at the other end of `--link`.
@@ -202,7 +221,10 @@ fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failur
             arguments.link,
             flight::CONNECT_PATIENCE.as_secs_f64()
         );
-        Peer::elsewhere(open("--link", &arguments.link)?)
+        let file = arguments.out.join(journal::FILE_NAME);
+        let journal = ParameterJournal::open(&file, &arguments.link.to_string());
+        let journal = journal.map_err(Failure::bad_input)?;
+        Peer::elsewhere(open("--link", &arguments.link)?).with_journal(journal)
     };
     for address in &arguments.also {
         peer = peer.beside(&address.to_string(), open("--also", address)?);
@@ -220,7 +242,7 @@ fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failur
 }
 
 /// Writes the files and prints the summary.
-fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failure> {
+fn write_report(record: &FlightRecord, arguments: &RunArguments) -> Result<Summary, Failure> {
     let out = &arguments.out;
     let summary: Summary = report::write(record, out)
         .map_err(|error| Failure::failed(format!("{}: {error}", out.display())))?;
@@ -229,13 +251,21 @@ fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failu
         let text = serde_json::to_string_pretty(&summary).map_err(Failure::failed)?;
         writeln!(stdout, "{text}")?;
     } else {
-        writeln!(
-            stdout,
-            "{}",
-            report::table(record, &summary, Look::of_stdout())
-        )?;
+        if !record.slots.is_empty() {
+            writeln!(
+                stdout,
+                "{}",
+                report::table(record, &summary, Look::of_stdout())
+            )?;
+        }
         writeln!(stdout, "report: {}", out.join("report.html").display())?;
     }
+    Ok(summary)
+}
+
+/// Writes the report of a mission that was flown to its end, and says whether it went as asked.
+fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failure> {
+    let summary = write_report(record, arguments)?;
     if summary.mse_violations > 0 {
         eprintln!(
             "warning: the average was less accurate than asked in {} of {} slots",
@@ -259,15 +289,17 @@ fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failu
     )))
 }
 
-/// A progress bar over slots on a terminal, and ctrl-C.
+/// A progress bar over slots on a terminal, events above it, and ctrl-C.
 struct Show {
     bar: ProgressBar,
     data: f64,
-    stop: Arc<AtomicBool>,
+    /// Events are shown when they happen.
+    events: bool,
+    presses: Presses,
 }
 
 impl Show {
-    fn new(scenario: &Scenario) -> Result<Self, Failure> {
+    fn new(scenario: &Scenario, events: bool) -> Result<Self, Failure> {
         let slots = u64::from(scenario.mission.slots());
         let bar = ProgressBar::with_draw_target(Some(slots), terminal()).with_style(
             ProgressStyle::with_template("slot {pos}/{len} {wide_bar} {msg} {elapsed}")
@@ -276,7 +308,8 @@ impl Show {
         Ok(Self {
             bar,
             data: 0.0,
-            stop: interrupt::flag(),
+            events,
+            presses: Presses::watch(),
         })
     }
 }
@@ -294,9 +327,16 @@ impl Observer for Show {
     }
 
     fn event(&mut self, event: &FlightEvent) {
+        if self.events && event.notable {
+            self.bar.suspend(|| eprintln!("{}", line(event)));
+        }
         if self.bar.position() == 0 {
             self.bar.set_message(event.text.clone());
         }
+    }
+
+    fn waiting(&mut self, words: &str) {
+        self.bar.suspend(|| eprintln!("{words}"));
     }
 
     fn duty(&mut self, words: &str) {
@@ -308,6 +348,10 @@ impl Observer for Show {
     }
 
     fn wants_stop(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.presses.count() >= 1
+    }
+
+    fn wants_end(&self) -> bool {
+        self.presses.count() >= 2
     }
 }

@@ -7,8 +7,9 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
+use firmware_core::{Position, autopilot::frames::MapFrame};
 use host_sim::{
-    report,
+    flight, report,
     scenario::{Scenario, Topology, generate},
 };
 
@@ -108,9 +109,34 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
             let loaded = load_scenario(&scenario)?;
             writeln!(out, "{}", map(&loaded))?;
             writeln!(out, "{}: {}", loaded.name, facts(&loaded))?;
+            write!(out, "{}", places(&loaded))?;
         }
     }
     Ok(())
+}
+
+/// Where on Earth the mission is: an autopilot in simulation is started at its start.
+fn places(scenario: &Scenario) -> String {
+    let p = scenario.mission.parameters();
+    let frame = MapFrame::<f64>::new(flight::map_origin(scenario));
+    let elevation_m = scenario.origin.elevation_m;
+    let line = |name: &str, place: Position<f64>| {
+        let degrees = frame.to_geodetic(place);
+        let (latitude, longitude) = (
+            f64::from(degrees.latitude_e7) * 1e-7,
+            f64::from(degrees.longitude_e7) * 1e-7,
+        );
+        format!(
+            "{name:<11} ({:.1}, {:.1}) m east and north of the origin: latitude {latitude:.7}, \
+             longitude {longitude:.7}, ground {elevation_m} m above sea level\n",
+            place.x, place.y
+        )
+    };
+    let mut lines = line("origin", Position::origin());
+    lines += &line("start", p.start);
+    lines += &line("destination", p.destination);
+    lines += &format!("{:<11} {} m above the start\n", "altitude", p.altitude_m);
+    lines
 }
 
 /// Writes a file that is not there yet, or may be replaced.

@@ -62,7 +62,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let mut waypoints: Vec<_> = record.slots.iter().map(|slot| slot.planned).collect();
     // One more slot away at most; the paper counts that as arrived.
     waypoints.push(mission.destination);
-    let (mut session, mut client) = arguments.autopilot.connect(&scenario)?;
+    let (mut session, mut client) = arguments.autopilot.connect(&scenario, "upload")?;
     let upload = Upload {
         waypoints: &waypoints,
         speed_mps: mission.max_speed_mps,

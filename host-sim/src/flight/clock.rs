@@ -28,6 +28,10 @@ impl Pace {
     }
 }
 
+/// The longest sleep: at a slow pace a step takes long, and a person who asks for the end does not
+/// wait for it.
+const NAP: WallDuration = WallDuration::from_millis(200);
+
 /// One step of simulated time.
 const TICK: Duration = Duration::from_millis(10);
 
@@ -61,11 +65,16 @@ impl Clock {
     /// To the next look: a tick further, or when something came from the vehicle.
     pub(super) fn advance(&mut self, peer: &mut Peer) -> io::Result<()> {
         if peer.is_built_in() {
-            self.now += TICK;
+            let next = self.now + TICK;
             if self.pace != Pace::Max {
-                let ahead = self.now.since(self.wall()).as_secs_f64() / self.pace.factor();
-                sleep(WallDuration::from_secs_f64(ahead));
+                let ahead = next.since(self.wall()).as_secs_f64() / self.pace.factor();
+                let ahead = WallDuration::from_secs_f64(ahead);
+                sleep(ahead.min(NAP));
+                if ahead > NAP {
+                    return Ok(());
+                }
             }
+            self.now = next;
         } else {
             peer.wait(WallDuration::from_millis(2))?;
             self.now = self.wall();

@@ -13,14 +13,15 @@ mod clock;
 mod ground;
 mod peer;
 mod precision;
+mod reason;
 
-use std::time::Instant as WallInstant;
+use std::time::{Duration as WallDuration, Instant as WallInstant};
 
 use firmware_core::{
     Displacement, Position, SENSORS_MAX, USERS_MAX,
     autopilot::{
         self, Autopilot, Event, Finding, Geofence, Phase, SettingsError,
-        failsafe::Watch,
+        failsafe::{Cause, Watch},
         frames::Geodetic,
         wire::{
             MAX_FRAME,
@@ -29,7 +30,7 @@ use firmware_core::{
     },
     controller::Controller,
     link::FRAME_MAX,
-    onboard::{Activity, Fault, Onboard, Probe, Settings, Stage},
+    onboard::{Activity, Onboard, Probe, Settings, Stage},
     policy::Policy,
     time::{Duration, Instant},
 };
@@ -37,6 +38,7 @@ use thiserror::Error;
 
 use crate::{
     allocation::Allocation,
+    journal::ParameterJournal,
     link::Silence,
     record::{FlightEvent, FlightRecord, PathSample, SlotRecord},
     scenario::Scenario,
@@ -48,12 +50,17 @@ use clock::Clock;
 pub use clock::Pace;
 use ground::Ground;
 pub use peer::Peer;
+use reason::Reasons;
 
 /// How long an autopilot's first heartbeat is waited for.
 pub const CONNECT_PATIENCE: Duration = Duration::from_secs(30);
 
-/// How long after a flight parameters may take to be put back.
+/// How long parameters may take to be put back once the flight is over and the motors stand still.
 const RESTORE_PATIENCE: Duration = Duration::from_secs(30);
+
+/// How long a second ctrl-C leaves for putting parameters back: of the flight's time and of ours,
+/// whichever is over first.
+const END_PATIENCE: WallDuration = WallDuration::from_secs(3);
 
 /// The ground is heard once a slot; after so many without it, and at least
 /// [`GROUND_PATIENCE`], the vehicle is landed.
@@ -103,8 +110,17 @@ pub trait Observer {
     fn note(&mut self, words: &str) {
         let _ = words;
     }
+    /// What the flight waits for, where that can take long or a person has just asked for its end.
+    fn waiting(&mut self, words: &str) {
+        let _ = words;
+    }
     /// Whether to stop: the vehicle is then landed.
     fn wants_stop(&self) -> bool {
+        false
+    }
+    /// Whether to end at once, wherever the vehicle is: parameters are put back if that takes no
+    /// more than 3 s.
+    fn wants_end(&self) -> bool {
         false
     }
 }
@@ -134,6 +150,27 @@ pub enum FlightError {
         /// What went wrong, in words.
         reason: String,
     },
+    /// A person did not wait for the end.
+    #[error("ended by a second ctrl-C after {slots_done} of {slots} slots, {state}")]
+    Ended {
+        /// Slots that were done.
+        slots_done: usize,
+        /// `N`.
+        slots: u32,
+        /// What was under way, in words.
+        state: String,
+    },
+    /// The journal of an earlier run is about another vehicle.
+    #[error(
+        "{journal} holds parameters of another vehicle ({vehicle}) that were not put back; restore \
+         them with host-sim doctor --restore, or choose another --out"
+    )]
+    WrongJournal {
+        /// The file.
+        journal: String,
+        /// The vehicle it is about.
+        vehicle: String,
+    },
 }
 
 /// A flight that did not reach its end still leaves a record of what it did.
@@ -142,8 +179,34 @@ pub enum FlightError {
 pub struct FailedFlight {
     /// Why.
     pub error: FlightError,
-    /// What was flown of it.
+    /// What was flown of it; `None` if no vehicle was ever connected.
     pub record: Option<Box<FlightRecord>>,
+}
+
+/// A flight's outcome with the record that it leaves, if a vehicle was `connected`.
+fn outcome_with_record(
+    outcome: Result<(), FlightError>,
+    connected: bool,
+    record: FlightRecord,
+) -> Result<FlightRecord, FailedFlight> {
+    match outcome {
+        Ok(()) => Ok(FlightRecord {
+            completed: true,
+            ended: "landed".into(),
+            ..record
+        }),
+        Err(error) => {
+            let ended = match &error {
+                FlightError::BrokenOff { reason, .. } => reason.clone(),
+                other => other.to_string(),
+            };
+            let record = FlightRecord { ended, ..record };
+            Err(FailedFlight {
+                error,
+                record: connected.then(|| Box::new(record)),
+            })
+        }
+    }
 }
 
 type HostOnboard<P> = Onboard<f64, P, USERS_MAX, SENSORS_MAX>;
@@ -160,24 +223,15 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
     observer: &mut impl Observer,
 ) -> Result<FlightRecord, FailedFlight> {
     let mut flight =
-        Flight::new(scenario, policy, settings, &peer).map_err(|error| FailedFlight {
+        Flight::new(scenario, policy, settings, &mut peer).map_err(|error| FailedFlight {
             error,
             record: None,
         })?;
-    let outcome = flight
-        .run(&mut peer, observer)
-        .and_then(|()| Ok(peer.finish()?));
-    for words in peer.unreached() {
-        observer.note(&words);
-    }
-    let record = flight.record(scenario, settings);
-    match outcome {
-        Ok(()) => Ok(record),
-        Err(error) => Err(FailedFlight {
-            error,
-            record: Some(Box::new(record)),
-        }),
-    }
+    let outcome = flight.run(&mut peer, observer);
+    peer.finish(observer);
+    flight.say_what_is_left(observer);
+    let connected = flight.onboard.autopilot().vehicle().is_some();
+    outcome_with_record(outcome, connected, flight.record(scenario, settings))
 }
 
 /// The client's settings for a mission.
@@ -238,6 +292,21 @@ struct Flight<P> {
     started: Option<Instant>,
     /// When the flight was over.
     ended: Option<Instant>,
+    reasons: Reasons,
+    /// What is changed in the vehicle; `None` where it is part of this process.
+    journal: Option<ParameterJournal>,
+    /// What an earlier run left changed has been seen to.
+    journal_read: bool,
+    /// Why the journal could not be written.
+    journal_failed: Option<String>,
+    /// The first ctrl-C has been acted upon.
+    stop_asked: bool,
+    /// A second ctrl-C came: when we leave, in the flight's time and in ours.
+    leave_at: Option<(Instant, WallInstant)>,
+    /// Since the flight was over: when the motors were first seen to stand still.
+    disarmed: Option<Instant>,
+    /// It has been said that the vehicle must be disarmed first.
+    wait_said: bool,
 }
 
 impl<P: Policy<f64, USERS_MAX>> Flight<P> {
@@ -245,7 +314,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         scenario: &Scenario,
         policy: P,
         settings: &FlightSettings,
-        peer: &Peer,
+        peer: &mut Peer,
     ) -> Result<Self, FlightError> {
         let method = settings.inner.method(&scenario.mission);
         let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
@@ -269,12 +338,19 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             path: Vec::new(),
             started: None,
             ended: None,
+            reasons: Reasons::default(),
+            journal: peer.take_journal(),
+            journal_read: false,
+            journal_failed: None,
+            stop_asked: false,
+            leave_at: None,
+            disarmed: None,
+            wait_said: false,
         })
     }
 
     /// Until the vehicle has landed or can no longer be flown.
     fn run(&mut self, peer: &mut Peer, observer: &mut impl Observer) -> Result<(), FlightError> {
-        let mut stop_asked = false;
         self.onboard.autopilot_mut().launch(self.clock.now());
         loop {
             let now = self.clock.now();
@@ -283,8 +359,9 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             self.exchange(now, peer, observer)?;
             self.note_path(now, peer);
             self.note_events(now, observer);
-            if self.onboard.autopilot().phase().is_final() && self.is_tidy(now, observer) {
-                return self.verdict();
+            self.heed_stop(now, peer, observer)?;
+            if self.onboard.autopilot().phase().is_final() && self.is_tidy(now, peer, observer) {
+                return self.verdict(now, peer);
             }
             let waited = now.since(Instant::ZERO);
             if self.onboard.autopilot().phase() == Phase::Connecting && waited > CONNECT_PATIENCE {
@@ -294,26 +371,161 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
                     trouble: peer.trouble(),
                 }));
             }
-            if !stop_asked && observer.wants_stop() {
-                stop_asked = true;
-                self.onboard.autopilot_mut().stop(now);
-            }
             self.clock.advance(peer)?;
         }
     }
 
-    /// Parameters that were set are put back, or it has taken too long and was said.
-    fn is_tidy(&mut self, now: Instant, observer: &mut impl Observer) -> bool {
+    /// Does what ctrl-C asks for. The first lands the vehicle, or ends at once where nothing is
+    /// left to wait for; the second puts parameters back if that is soon done, and leaves.
+    fn heed_stop(
+        &mut self,
+        now: Instant,
+        peer: &Peer,
+        observer: &mut impl Observer,
+    ) -> Result<(), FlightError> {
+        if !self.stop_asked && observer.wants_stop() {
+            self.stop_asked = true;
+            let client = self.onboard.autopilot_mut();
+            if client.phase().is_final() {
+                return Ok(()); // what is still awaited ends in `is_tidy`
+            }
+            let silent = client.is_link_silent(now);
+            client.stop(now);
+            self.note_events(now, observer);
+            if silent {
+                return Err(self.broken_off(now, peer));
+            }
+            let doing = match self.onboard.autopilot().phase() {
+                Phase::Landing => "landing",
+                Phase::Disarming => "stopping the motors",
+                _ => return Ok(()),
+            };
+            observer.waiting(&format!(
+                "ctrl-C: {doing}; waiting for the motors to stop (a second ctrl-C ends at once and \
+                 restores parameters if it can)"
+            ));
+        }
+        if self.leave_at.is_none() && observer.wants_end() {
+            self.onboard.autopilot_mut().restore_now();
+            let patience = Duration::from_secs_f64(END_PATIENCE.as_secs_f64());
+            self.leave_at = Some((now + patience, WallInstant::now() + END_PATIENCE));
+        }
+        let Some((flight_time, our_time)) = self.leave_at else {
+            return Ok(());
+        };
+        let client = self.onboard.autopilot();
+        let overdue = now >= flight_time || WallInstant::now() >= our_time;
+        let done = client.is_restored() && !client.awaits_landing();
+        if !(done || overdue) {
+            return Ok(());
+        }
+        let state = client.phase().to_string();
+        self.onboard.autopilot_mut().abandon_parameters();
+        self.note_events(now, observer);
+        Err(FlightError::Ended {
+            slots_done: self.ground.slots().len(),
+            slots: self.onboard.controller().mission().slots(),
+            state,
+        })
+    }
+
+    /// Nothing is left to do after the flight: its reason was heard, and parameters that were set
+    /// are put back, or that was given up and said. A vehicle that somebody else flies is waited
+    /// for, however long, because only what is disarmed is changed.
+    fn is_tidy(&mut self, now: Instant, peer: &Peer, observer: &mut impl Observer) -> bool {
         let ended = *self.ended.get_or_insert(now);
-        if self.onboard.autopilot().is_restored() {
+        let client = self.onboard.autopilot();
+        let taken = matches!(
+            client.fault(),
+            Some(Cause::ControlTaken(_) | Cause::Disarmed)
+        );
+        if taken && now.since(ended) < reason::AFTER && !self.stop_asked {
+            return false;
+        }
+        if client.is_restored() {
             return true;
         }
-        if now.since(ended) > RESTORE_PATIENCE {
+        let given_up = if peer.is_built_in() {
+            // It ends with us, and its parameters with it.
+            now.since(ended) > RESTORE_PATIENCE
+        } else if client.is_link_dead(now) {
+            true
+        } else if client.is_armed() {
+            self.disarmed = None;
+            if !std::mem::replace(&mut self.wait_said, true) && !self.stop_asked {
+                let names = client.changed_parameters().iter();
+                let names: Vec<&str> = names.map(|change| change.name).collect();
+                observer.waiting(&format!(
+                    "waiting for the vehicle to be disarmed to put back {}; ctrl-C leaves them to \
+                     `host-sim doctor --restore`",
+                    names.join(", ")
+                ));
+            }
+            self.stop_asked
+        } else {
+            let disarmed = *self.disarmed.get_or_insert(now);
+            now.since(disarmed) > RESTORE_PATIENCE
+        };
+        if given_up {
             self.onboard.autopilot_mut().abandon_parameters();
             self.note_events(now, observer);
-            return true;
         }
-        false
+        given_up
+    }
+
+    /// Has what an earlier run left changed put back first, and writes down what is about to be
+    /// changed, before the message that changes it goes out.
+    fn keep_journal(
+        &mut self,
+        now: Instant,
+        peer: &Peer,
+        observer: &mut impl Observer,
+    ) -> Result<(), FlightError> {
+        let client = self.onboard.autopilot_mut();
+        let Some((journal, (address, firmware))) = self.journal.as_mut().zip(client.vehicle())
+        else {
+            return Ok(());
+        };
+        if !std::mem::replace(&mut self.journal_read, true) && !journal.is_empty() {
+            let (names, file) = (journal.names(), journal.path().display());
+            if journal.fits(address.system, firmware) {
+                observer.waiting(&format!(
+                    "putting back {names}, which an earlier run left changed ({file})"
+                ));
+                client.restore_first(&journal.changes());
+            } else if peer.sets_parameters() {
+                return Err(FlightError::WrongJournal {
+                    journal: file.to_string(),
+                    vehicle: journal.vehicle(),
+                });
+            } else {
+                observer.note(&format!(
+                    "{file} holds parameters of another vehicle ({}): {names}",
+                    journal.vehicle()
+                ));
+            }
+        }
+        if self.journal_failed.is_none()
+            && let Err(error) =
+                journal.note((address.system, firmware), client.changed_parameters())
+        {
+            let file = journal.path().display();
+            self.journal_failed = Some(format!("{file}: {error}; nothing is changed without it"));
+            client.stop(now);
+        }
+        Ok(())
+    }
+
+    /// Says where what was not put back is kept.
+    fn say_what_is_left(&self, observer: &mut impl Observer) {
+        if let Some(journal) = self.journal.as_ref().filter(|journal| !journal.is_empty()) {
+            observer.duty(&format!(
+                "{} keeps what was not put back ({}): `host-sim doctor --restore --journal {0}`, \
+                 or the next run with the same --out, puts it back",
+                journal.path().display(),
+                journal.names()
+            ));
+        }
     }
 
     /// Carries frames both ways until all is said.
@@ -331,6 +543,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
                 quiet = false;
                 self.onboard.receive_mavlink(now, &datagram, true);
             }
+            self.keep_journal(now, peer, observer)?;
             self.onboard.poll(now, &mut self.stopwatch);
             while let Some(frame) = self.onboard.take_mavlink_frame(now, &mut mavlink) {
                 quiet = false;
@@ -375,32 +588,56 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
 
     fn note_events(&mut self, now: Instant, observer: &mut impl Observer) {
         while let Some(event) = self.onboard.autopilot_mut().take_next_event() {
-            if let Event::Finding(left @ Finding::NotRestored { .. }) = &event {
-                observer.duty(&left.to_string());
+            match (&event, &mut self.journal) {
+                (Event::Finding(left @ Finding::NotRestored { .. }), _) => {
+                    observer.duty(&left.to_string());
+                }
+                (Event::Finding(Finding::Restored { name, .. }), Some(journal)) => {
+                    if let Err(error) = journal.restored(name) {
+                        observer.duty(&format!("{}: {error}", journal.path().display()));
+                    }
+                }
+                _ => {}
             }
+            self.reasons.note(now, &event);
             let event = FlightEvent {
                 time_s: now.since(Instant::ZERO).as_secs_f64(),
                 text: event.to_string(),
+                notable: reason::is_notable(&event),
             };
             observer.event(&event);
             self.events.push(event);
         }
     }
 
-    fn verdict(&self) -> Result<(), FlightError> {
+    fn verdict(&self, now: Instant, peer: &Peer) -> Result<(), FlightError> {
         if self.onboard.stage() == Stage::Completed {
             return Ok(());
         }
+        Err(self.broken_off(now, peer))
+    }
+
+    /// The end before the end, with its true cause.
+    fn broken_off(&self, now: Instant, peer: &Peer) -> FlightError {
         let autopilot = self.onboard.autopilot();
-        let fault = self.onboard.fault().map(|fault: Fault| fault.to_string());
         let cause = autopilot.fault().map(|cause| cause.to_string());
-        Err(FlightError::BrokenOff {
+        let cause = self.reasons.words().or(cause);
+        let reason = self.journal_failed.clone();
+        let reason = reason.or_else(|| reason::first(self.onboard.fault(), cause));
+        let mut reason = reason.unwrap_or_else(|| autopilot.phase().to_string());
+        if let Some(age) = autopilot.heartbeat_age(now)
+            && autopilot.is_link_silent(now)
+        {
+            reason += &format!("; nothing heard for {:.0} s", age.as_secs_f64());
+            if let Some(trouble) = peer.trouble() {
+                reason += &format!(" ({trouble})");
+            }
+        }
+        FlightError::BrokenOff {
             slots_done: self.ground.slots().len(),
             slots: self.onboard.controller().mission().slots(),
-            reason: fault
-                .or(cause)
-                .unwrap_or_else(|| autopilot.phase().to_string()),
-        })
+            reason,
+        }
     }
 
     fn record(self, scenario: &Scenario, settings: &FlightSettings) -> FlightRecord {
@@ -414,6 +651,8 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             slots: self.ground.into_slots(),
             path: self.path,
             events: self.events,
+            completed: false,
+            ended: String::new(),
         }
     }
 }

@@ -15,7 +15,9 @@ use firmware_core::{
     time::Instant,
 };
 
+use super::Observer;
 use crate::{
+    journal::ParameterJournal,
     link::{
         Beside, Link,
         lossy::{Channel, Impairment},
@@ -37,9 +39,12 @@ pub struct Peer {
     beside: Vec<(String, Beside)>,
     key: Option<SigningKey>,
     set_parameters: bool,
+    journal: Option<ParameterJournal>,
     /// Where the built-in vehicle was lately: its clock and its true position, oldest first.
     track: VecDeque<(Instant, Position<f64>)>,
     log: Option<TlogWriter<BufWriter<File>>>,
+    /// Why the log ends before the flight.
+    log_failed: Option<io::Error>,
 }
 
 #[derive(Debug)]
@@ -87,8 +92,10 @@ impl Peer {
             beside: Vec::new(),
             key: None,
             set_parameters: false,
+            journal: None,
             track: VecDeque::new(),
             log: None,
+            log_failed: None,
         }
     }
 
@@ -121,7 +128,7 @@ impl Peer {
     }
 
     /// In words, which ground stations beside were never reached.
-    pub(super) fn unreached(&self) -> impl Iterator<Item = String> + '_ {
+    fn unreached(&self) -> impl Iterator<Item = String> + '_ {
         self.beside.iter().filter_map(|(name, beside)| {
             let reason = beside.unreached()?;
             Some(match reason.strip_prefix(name.as_str()) {
@@ -143,6 +150,17 @@ impl Peer {
     pub fn with_parameters_set(mut self) -> Self {
         self.set_parameters = true;
         self
+    }
+
+    /// What is changed in the vehicle is written down here until it has been put back; what an
+    /// earlier run wrote down is put back first.
+    pub fn with_journal(mut self, journal: ParameterJournal) -> Self {
+        self.journal = Some(journal);
+        self
+    }
+
+    pub(super) fn take_journal(&mut self) -> Option<ParameterJournal> {
+        self.journal.take()
     }
 
     /// Logs every frame in both directions into a `.tlog` file. Simulated flights are logged in
@@ -195,9 +213,7 @@ impl Peer {
         }
         for (_, beside) in &self.beside {
             while let Some(frame) = beside.take_said() {
-                if let Some(log) = &mut self.log {
-                    log.record(now, &frame)?;
-                }
+                record(&mut self.log, &mut self.log_failed, now, &frame);
                 self.vessel.deliver(now, &frame)?;
             }
         }
@@ -216,14 +232,14 @@ impl Peer {
             None => self.vessel.next_frame(),
         };
         if let Some(frame) = &frame {
-            self.pass(now, frame)?;
+            self.pass(now, frame);
         }
         Ok(frame)
     }
 
     /// A frame to the vehicle.
     pub(super) fn send(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
-        self.pass(now, frame)?;
+        self.pass(now, frame);
         match &mut self.impaired {
             Some((up, _)) => {
                 up.push(now, frame);
@@ -237,14 +253,11 @@ impl Peer {
     }
 
     /// What passes is logged, and heard beside.
-    fn pass(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
+    fn pass(&mut self, now: Instant, frame: &[u8]) {
         for (_, beside) in &self.beside {
             beside.hear(frame);
         }
-        match &mut self.log {
-            Some(log) => log.record(now, frame),
-            None => Ok(()),
-        }
+        record(&mut self.log, &mut self.log_failed, now, frame);
     }
 
     /// Waits for something to come, at most so long.
@@ -320,11 +333,29 @@ impl Peer {
         }
     }
 
-    /// Writes out what of the log is still held back.
-    pub(super) fn finish(&mut self) -> io::Result<()> {
-        match &mut self.log {
-            Some(log) => log.flush(),
-            None => Ok(()),
+    /// Writes out what of the log is still held back, and says what is good to know.
+    pub(super) fn finish(&mut self, observer: &mut impl Observer) {
+        if let Some(Err(error)) = self.log.as_mut().map(TlogWriter::flush) {
+            self.log_failed = Some(error);
         }
+        if let Some(error) = &self.log_failed {
+            observer.note(&format!("the MAVLink log is not complete: {error}"));
+        }
+        for words in self.unreached() {
+            observer.note(&words);
+        }
+    }
+}
+
+/// Appends to the log. A disk that is full ends the log, not the flight.
+fn record(
+    log: &mut Option<TlogWriter<BufWriter<File>>>,
+    failed: &mut Option<io::Error>,
+    now: Instant,
+    frame: &[u8],
+) {
+    if let Some(Err(error)) = log.as_mut().map(|log| log.record(now, frame)) {
+        *failed = Some(error);
+        *log = None;
     }
 }

@@ -106,7 +106,10 @@ mod unix {
             match poll(&mut [PollFd::new(file, PollFlags::IN)], Some(&wait)) {
                 Ok(0) | Err(rustix::io::Errno::INTR) => return Ok(false),
                 Ok(_) => {}
-                Err(error) => return Err(error.into()),
+                Err(error) => {
+                    self.broken(error.into());
+                    return Ok(false);
+                }
             }
             buffer.resize(PIECE, 0);
             let length = match file.read(buffer) {

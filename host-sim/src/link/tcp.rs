@@ -1,7 +1,11 @@
 //! TCP to a server that may come and go.
+//!
+//! The name is resolved and the connection is made on a thread of their own, because both can take
+//! seconds, and a flight goes on meanwhile.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::time::Duration;
 
 use super::{BackOff, HostPort, Link, PIECE, patiently};
@@ -14,6 +18,8 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 pub(super) struct TcpOut {
     to: HostPort,
     stream: Option<TcpStream>,
+    /// The attempt to connect that is under way.
+    attempt: Option<Receiver<io::Result<TcpStream>>>,
     back_off: BackOff,
 }
 
@@ -22,30 +28,47 @@ impl TcpOut {
         Self {
             to: to.clone(),
             stream: None,
+            attempt: None,
             back_off: BackOff::new(),
         }
     }
 
-    fn connect(&self) -> io::Result<TcpStream> {
-        let addresses = (self.to.host.as_str(), self.to.port).to_socket_addrs()?;
-        let stream = connect_to_any(&addresses.collect::<Vec<_>>())?;
-        // Setpoints are small and must not wait for company.
-        stream.set_nodelay(true)?;
-        stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
-        Ok(stream)
-    }
-
+    /// The connection, if there is one. Never waits: without one it sees to it that one is being
+    /// made.
     fn connected(&mut self) -> Option<&mut TcpStream> {
-        if self.stream.is_none() && self.back_off.may_try() {
-            match self.connect() {
-                Ok(stream) => {
-                    self.stream = Some(stream);
-                    self.back_off = BackOff::new();
+        if self.stream.is_none() {
+            match &self.attempt {
+                Some(attempt) => match attempt.try_recv() {
+                    Ok(outcome) => self.concluded(outcome),
+                    Err(TryRecvError::Empty) => {}
+                    Err(TryRecvError::Disconnected) => {
+                        self.concluded(Err(io::ErrorKind::ConnectionAborted.into()));
+                    }
+                },
+                None if self.back_off.may_try() => {
+                    let (outcome, attempt) = sync_channel(1);
+                    let to = self.to.clone();
+                    std::thread::spawn(move || {
+                        // Nobody waits for the outcome any more if the link has been closed.
+                        let _ = outcome.send(connect(&to));
+                    });
+                    self.attempt = Some(attempt);
                 }
-                Err(error) => self.back_off.failed(error),
+                None => {}
             }
         }
         self.stream.as_mut()
+    }
+
+    fn concluded(&mut self, outcome: io::Result<TcpStream>) {
+        self.attempt = None;
+        match outcome {
+            Ok(stream) => {
+                self.stream = Some(stream);
+                self.back_off = BackOff::new();
+            }
+            Err(error) => self.back_off.failed(error),
+        }
     }
 
     fn broken(&mut self, reason: io::Error) {
@@ -54,8 +77,16 @@ impl TcpOut {
     }
 }
 
-/// To the first address of a name that answers. All together may take [`CONNECT_TIMEOUT`]: a flight
-/// waits meanwhile.
+fn connect(to: &HostPort) -> io::Result<TcpStream> {
+    let addresses = (to.host.as_str(), to.port).to_socket_addrs()?;
+    let stream = connect_to_any(&addresses.collect::<Vec<_>>())?;
+    // Setpoints are small and must not be collected into larger segments.
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+    Ok(stream)
+}
+
+/// To the first address of a name that answers. All together may take [`CONNECT_TIMEOUT`].
 fn connect_to_any(addresses: &[SocketAddr]) -> io::Result<TcpStream> {
     let share = CONNECT_TIMEOUT / addresses.len().max(1) as u32;
     let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
@@ -73,7 +104,7 @@ impl Link for TcpOut {
         let Some(stream) = self.connected() else {
             return Ok(false);
         };
-        // A frame that was sent in part cannot be taken back: the connection starts anew.
+        // A frame that was sent in part cannot be taken back: the connection is made again.
         let sent = stream.write_all(frame);
         sent.map_or_else(
             |error| {
@@ -92,9 +123,10 @@ impl Link for TcpOut {
         };
         buffer.resize(PIECE, 0);
         // Writing blocks, for at most its time-out; reading does not.
-        stream.set_nonblocking(true)?;
-        let received = patiently(timeout, || stream.read(buffer));
-        stream.set_nonblocking(false)?;
+        let received = stream
+            .set_nonblocking(true)
+            .and_then(|()| patiently(timeout, || stream.read(buffer)));
+        let received = stream.set_nonblocking(false).and(received);
         match received {
             Ok(Some(length)) if length > 0 => {
                 buffer.truncate(length);
@@ -165,6 +197,33 @@ mod tests {
         assert_eq!(refused.kind(), io::ErrorKind::ConnectionRefused);
         let none = connect_to_any(&[]).unwrap_err();
         assert_eq!(none.to_string(), "the name has no address");
+    }
+
+    /// An address that swallows the attempt, as a host behind a cut cable does, and a name that
+    /// takes long to resolve: neither holds up a flight, which asks every few milliseconds.
+    #[test]
+    fn an_attempt_that_hangs_holds_nothing_up() {
+        // The queue of a listener that accepts nothing fills; further attempts hang.
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let waiting: Vec<_> = (0..300)
+            .map_while(|_| {
+                let address = listener.local_addr().unwrap();
+                TcpStream::connect_timeout(&address, Duration::from_millis(100)).ok()
+            })
+            .collect();
+        assert!(waiting.len() < 300, "the queue never filled");
+        for host in ["127.0.0.1", "no-such-host.invalid"] {
+            let host = host.into();
+            let mut link = TcpOut::open(&HostPort { host, port });
+            let begin = Instant::now();
+            for _ in 0..20 {
+                assert!(!link.send(b"frame").unwrap());
+                let timeout = Duration::from_millis(2);
+                assert!(!link.receive(&mut Vec::new(), timeout).unwrap());
+            }
+            assert!(begin.elapsed() < Duration::from_millis(500));
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@
 
 use std::io::{self, Write};
 
-use firmware_core::time::Instant;
+use firmware_core::time::{Duration, Instant};
 
 /// Where simulated time begins, so that the log of a simulated run depends on nothing else:
 /// 2026-01-01 00:00 UTC, microseconds since 1970.
@@ -16,20 +16,35 @@ pub const SIMULATED_EPOCH_US: u64 = 1_767_225_600_000_000;
 pub struct TlogWriter<W> {
     out: W,
     epoch_us: u64,
+    /// When what is held back is written out next.
+    flush_due: Instant,
 }
+
+/// How much of a log a process that is killed may lose.
+const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 
 impl<W: Write> TlogWriter<W> {
     /// A log whose time begins at `epoch_us`: [`SIMULATED_EPOCH_US`], or the wall clock when
     /// the run began.
     pub fn new(out: W, epoch_us: u64) -> Self {
-        Self { out, epoch_us }
+        Self {
+            out,
+            epoch_us,
+            flush_due: Instant::ZERO,
+        }
     }
 
-    /// Appends a frame that was sent or received at `now`.
+    /// Appends a frame that was sent or received at `now`. Once a second of that time the log is
+    /// written out, so that a process that is killed leaves one.
     pub fn record(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
         let time = self.epoch_us.saturating_add(now.micros());
         self.out.write_all(&time.to_be_bytes())?;
-        self.out.write_all(frame)
+        self.out.write_all(frame)?;
+        if now >= self.flush_due {
+            self.flush_due = now + FLUSH_INTERVAL;
+            self.out.flush()?;
+        }
+        Ok(())
     }
 
     /// Writes out what is still held back.

@@ -4,7 +4,7 @@ use std::io;
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::time::{Duration, Instant};
 
-use super::{HostPort, Link, PIECE, is_idle, patiently};
+use super::{ASK_EVERY, HostPort, Link, PIECE, is_idle, patiently};
 
 /// Somebody who was not heard for this long is no longer answered.
 const PEER_TIMEOUT: Duration = Duration::from_secs(30);
@@ -29,52 +29,61 @@ fn preferred(mut found: impl Iterator<Item = SocketAddr>) -> Option<SocketAddr> 
     Some(found.find(SocketAddr::is_ipv4).unwrap_or(first))
 }
 
-/// Waits for a datagram; `Ok(None)` if none came, or a peer is not there (any more): on UDP
-/// that is told by an error of the *next* call.
+/// Waits for a datagram; `None` if none came, or a peer is not there (any more): on UDP that is
+/// told by an error of the *next* call. Other errors (an interface that is down, a route that is
+/// gone) are kept in `trouble`: they pass when the cable is back, and must not end a flight.
 fn receive_datagram(
     socket: &UdpSocket,
     buffer: &mut Vec<u8>,
     timeout: Duration,
-) -> io::Result<Option<SocketAddr>> {
+    trouble: &mut Option<io::Error>,
+) -> Option<SocketAddr> {
     buffer.resize(PIECE, 0);
     let received = patiently(timeout, || socket.recv_from(buffer));
     match received {
         Ok(Some((length, from))) => {
             buffer.truncate(length);
-            Ok(Some(from))
+            *trouble = None;
+            Some(from)
         }
         Ok(None) => {
             buffer.clear();
-            Ok(None)
+            None
         }
         Err(error) => {
             buffer.clear();
-            let absent = matches!(
-                error.kind(),
-                io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset
-            );
-            if absent { Ok(None) } else { Err(error) }
+            // A caller that asks again at once would ask without a pause.
+            std::thread::sleep(timeout.min(ASK_EVERY));
+            note(trouble, error);
+            None
         }
     }
 }
 
-fn send_datagram(socket: &UdpSocket, frame: &[u8], to: SocketAddr) -> io::Result<bool> {
+/// Whether the datagram was sent. One that was not is lost, as any datagram may be.
+fn send_datagram(
+    socket: &UdpSocket,
+    frame: &[u8],
+    to: SocketAddr,
+    trouble: &mut Option<io::Error>,
+) -> bool {
     match socket.send_to(frame, to) {
-        Ok(_) => Ok(true),
-        // Full buffers, or nobody there: the frame is lost, as any datagram may be.
-        Err(error)
-            if is_idle(&error)
-                || matches!(
-                    error.kind(),
-                    io::ErrorKind::ConnectionRefused
-                        | io::ErrorKind::ConnectionReset
-                        | io::ErrorKind::HostUnreachable
-                        | io::ErrorKind::NetworkUnreachable
-                ) =>
-        {
-            Ok(false)
+        Ok(_) => true,
+        Err(error) => {
+            note(trouble, error);
+            false
         }
-        Err(error) => Err(error),
+    }
+}
+
+/// Keeps an error that says more than that nobody listens at the other end.
+fn note(trouble: &mut Option<io::Error>, error: io::Error) {
+    let absent = matches!(
+        error.kind(),
+        io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset
+    );
+    if !absent && !is_idle(&error) {
+        *trouble = Some(error);
     }
 }
 
@@ -83,6 +92,7 @@ fn send_datagram(socket: &UdpSocket, frame: &[u8], to: SocketAddr) -> io::Result
 pub(super) struct UdpOut {
     socket: UdpSocket,
     to: SocketAddr,
+    trouble: Option<io::Error>,
 }
 
 impl UdpOut {
@@ -95,17 +105,26 @@ impl UdpOut {
         };
         let socket = UdpSocket::bind(any)?;
         socket.set_nonblocking(true)?;
-        Ok(Self { socket, to })
+        Ok(Self {
+            socket,
+            to,
+            trouble: None,
+        })
     }
 }
 
 impl Link for UdpOut {
     fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
-        send_datagram(&self.socket, frame, self.to)
+        Ok(send_datagram(
+            &self.socket,
+            frame,
+            self.to,
+            &mut self.trouble,
+        ))
     }
 
     fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
-        match receive_datagram(&self.socket, buffer, timeout)? {
+        match receive_datagram(&self.socket, buffer, timeout, &mut self.trouble) {
             Some(from) if from == self.to => Ok(true),
             _ => {
                 buffer.clear();
@@ -117,6 +136,11 @@ impl Link for UdpOut {
     fn is_datagram(&self) -> bool {
         true
     }
+
+    fn trouble(&self) -> Option<String> {
+        let trouble = self.trouble.as_ref()?;
+        Some(format!("udpout:{}: {trouble}", self.to))
+    }
 }
 
 /// Listens; answers everyone who was heard lately, so that a ground station can watch beside.
@@ -124,6 +148,7 @@ impl Link for UdpOut {
 pub(super) struct UdpIn {
     socket: UdpSocket,
     peers: Vec<(SocketAddr, Instant)>,
+    trouble: Option<io::Error>,
 }
 
 impl UdpIn {
@@ -136,6 +161,7 @@ impl UdpIn {
         Ok(Self {
             socket,
             peers: Vec::new(),
+            trouble: None,
         })
     }
 
@@ -154,13 +180,13 @@ impl Link for UdpIn {
     fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
         let mut sent = false;
         for (peer, _) in &self.peers {
-            sent |= send_datagram(&self.socket, frame, *peer)?;
+            sent |= send_datagram(&self.socket, frame, *peer, &mut self.trouble);
         }
         Ok(sent)
     }
 
     fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
-        let from = receive_datagram(&self.socket, buffer, timeout)?;
+        let from = receive_datagram(&self.socket, buffer, timeout, &mut self.trouble);
         if let Some(from) = from {
             self.heard(from);
         }
@@ -169,6 +195,10 @@ impl Link for UdpIn {
 
     fn is_datagram(&self) -> bool {
         true
+    }
+
+    fn trouble(&self) -> Option<String> {
+        self.trouble.as_ref().map(io::Error::to_string)
     }
 }
 

@@ -81,6 +81,8 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
         path,
         link: LinkRecord::default(),
         events: Vec::new(),
+        completed: true,
+        ended: "landed".into(),
     }
 }
 

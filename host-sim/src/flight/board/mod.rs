@@ -27,7 +27,7 @@ use firmware_core::{
 
 use super::{
     CONNECT_PATIENCE, FailedFlight, FlightError, FlightSettings, Ground, Observer, Stopwatch,
-    autopilot_settings, map_origin,
+    autopilot_settings, map_origin, outcome_with_record, reason,
 };
 pub use campaign::{Campaign, SLOTS_EACH, Tally};
 pub use image::Image;
@@ -156,12 +156,9 @@ impl Board for Twin {
             events.push(event.to_string());
         }
         let broken_off = (computer.stage() == Stage::Aborted && !self.broken_off).then(|| {
-            let fault = computer.fault().map(|fault| fault.to_string());
             let client = computer.autopilot();
             let cause = client.fault().map(|cause| cause.to_string());
-            fault
-                .or(cause)
-                .unwrap_or_else(|| client.phase().to_string())
+            reason::first(computer.fault(), cause).unwrap_or_else(|| client.phase().to_string())
         });
         self.broken_off |= broken_off.is_some();
         let place = computer.autopilot().position();
@@ -212,13 +209,11 @@ pub fn fly(
         started: None,
         slots: scenario.mission.slots(),
         broken_off: None,
+        connected: false,
     };
-    let outcome = flight
-        .run(&mut peer, observer)
-        .and_then(|()| Ok(peer.finish()?));
-    for words in peer.unreached() {
-        observer.note(&words);
-    }
+    let outcome = flight.run(&mut peer, observer);
+    peer.finish(observer);
+    let connected = flight.connected;
     let record = FlightRecord {
         scenario: scenario.clone(),
         policy: settings.policy.clone(),
@@ -229,14 +224,10 @@ pub fn fly(
         slots: flight.ground.into_slots(),
         path: flight.path,
         events: flight.events,
+        completed: false,
+        ended: String::new(),
     };
-    match outcome {
-        Ok(()) => Ok(record),
-        Err(error) => Err(FailedFlight {
-            error,
-            record: Some(Box::new(record)),
-        }),
-    }
+    outcome_with_record(outcome, connected, record)
 }
 
 /// A mission under way.
@@ -252,6 +243,8 @@ struct BoardFlight<'b, B> {
     started: Option<Instant>,
     slots: u32,
     broken_off: Option<String>,
+    /// The board has heard a vehicle.
+    connected: bool,
 }
 
 impl<B: Board> BoardFlight<'_, B> {
@@ -262,6 +255,7 @@ impl<B: Board> BoardFlight<'_, B> {
             peer.step(now)?;
             let round = self.exchange(now, peer, observer)?;
             self.note_path(now, peer, &round);
+            self.connected |= !matches!(round.phase, Phase::Connecting | Phase::Failed);
             if round.phase.is_final() {
                 return self.verdict(&round);
             }
@@ -276,6 +270,19 @@ impl<B: Board> BoardFlight<'_, B> {
             if !stop_asked && observer.wants_stop() {
                 stop_asked = true;
                 self.board.stop()?;
+                if self.connected {
+                    observer.waiting(
+                        "ctrl-C: landing; waiting for the motors to stop (a second ctrl-C ends at \
+                         once)",
+                    );
+                }
+            }
+            if observer.wants_end() {
+                return Err(FlightError::Ended {
+                    slots_done: self.ground.slots().len(),
+                    slots: self.slots,
+                    state: round.phase.to_string(),
+                });
             }
             self.clock.advance(peer)?;
         }
@@ -311,6 +318,7 @@ impl<B: Board> BoardFlight<'_, B> {
                 let event = FlightEvent {
                     time_s: now.since(Instant::ZERO).as_secs_f64(),
                     text: text.clone(),
+                    notable: reason::are_notable(text),
                 };
                 observer.event(&event);
                 self.events.push(event);

@@ -1,0 +1,351 @@
+//! What a run changed in a vehicle and has not put back yet, in a file beside its report.
+//!
+//! The file is written before the first parameter is changed and deleted when all are as they were.
+//! Whatever ends the run in between (a crash, a link that is dead, a person who does not wait), the
+//! next run with the same `--out`, or `host-sim doctor --restore`, puts the parameters back.
+
+use std::{
+    fs,
+    io::{self, Write},
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use firmware_core::{
+    autopilot::{Autopilot, ChangedParameter, Event, Finding, Phase, profile::Firmware},
+    time::Duration,
+};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::{
+    flight::CONNECT_PATIENCE,
+    link::{Session, Silence},
+};
+
+/// The name of the file beside a run's report.
+pub const FILE_NAME: &str = "parameters.journal.json";
+
+/// How long putting parameters back may take once the motors stand still.
+const RESTORE_PATIENCE: Duration = Duration::from_secs(30);
+
+/// The contents of the file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Contents {
+    /// The vehicle's MAVLink system id.
+    system: u8,
+    /// The vehicle's software, by name.
+    autopilot: String,
+    /// The link at which it was.
+    link: String,
+    /// What is changed, oldest first.
+    parameters: Vec<Entry>,
+}
+
+/// A parameter that is to be put back.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Entry {
+    name: String,
+    /// What it was, for people.
+    value: String,
+    /// What it was: the bits of the value on the wire.
+    bits: u32,
+    /// The number of its MAV_PARAM_TYPE.
+    kind: u8,
+}
+
+/// The journal of a run, or of the run before.
+#[derive(Clone, Debug)]
+pub struct ParameterJournal {
+    path: PathBuf,
+    link: String,
+    contents: Contents,
+}
+
+impl ParameterJournal {
+    /// The journal in this file; an empty one where there is no file. `link` is noted with what is
+    /// changed from now on.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no journal; the message names it.
+    pub fn open(path: &Path, link: &str) -> io::Result<Self> {
+        let named =
+            |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+        let contents = match fs::read(path) {
+            Ok(bytes) => serde_json::from_slice(&bytes)
+                .map_err(|error| named(io::Error::new(io::ErrorKind::InvalidData, error)))?,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Contents::default(),
+            Err(error) => return Err(named(error)),
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            link: link.to_owned(),
+            contents,
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether nothing is to be put back.
+    pub fn is_empty(&self) -> bool {
+        self.contents.parameters.is_empty()
+    }
+
+    /// The names of what is to be put back, with commas between them.
+    pub fn names(&self) -> String {
+        let names = self.contents.parameters.iter();
+        names
+            .map(|entry| entry.name.as_str())
+            .collect::<Vec<_>>()
+            .join(", ")
+    }
+
+    /// The vehicle whose parameters these are, in words.
+    pub fn vehicle(&self) -> String {
+        let contents = &self.contents;
+        let (autopilot, system) = (&contents.autopilot, contents.system);
+        format!("{autopilot}, system {system}, at {}", contents.link)
+    }
+
+    /// Whether these are parameters of this vehicle. An empty journal fits every vehicle.
+    pub fn fits(&self, system: u8, firmware: Firmware) -> bool {
+        let contents = &self.contents;
+        self.is_empty() || (contents.system == system && contents.autopilot == firmware.name())
+    }
+
+    /// What is to be put back, oldest first. What the client does not know is left out.
+    pub fn changes(&self) -> Vec<ChangedParameter> {
+        let entries = self.contents.parameters.iter();
+        entries
+            .filter_map(|entry| ChangedParameter::noted(&entry.name, entry.bits, entry.kind))
+            .collect()
+    }
+
+    /// Writes down what is changed now, unless it is noted already. What was noted first counts: it
+    /// is the value of the time before any change.
+    ///
+    /// # Errors
+    /// The file cannot be written; then the parameter must not be changed.
+    pub fn note(
+        &mut self,
+        (system, firmware): (u8, Firmware),
+        changed: &[ChangedParameter],
+    ) -> io::Result<()> {
+        let contents = &mut self.contents;
+        let before = contents.parameters.len();
+        for change in changed {
+            if contents.parameters.iter().all(|e| e.name != change.name) {
+                contents.parameters.push(Entry {
+                    name: change.name.into(),
+                    value: change.value(firmware).to_string(),
+                    bits: change.was.to_bits(),
+                    kind: change.kind as u8,
+                });
+            }
+        }
+        if contents.parameters.len() == before {
+            return Ok(());
+        }
+        contents.system = system;
+        contents.autopilot = firmware.name().into();
+        contents.link.clone_from(&self.link);
+        self.save()
+    }
+
+    /// Strikes out a parameter that has been put back; the file goes with the last one.
+    ///
+    /// # Errors
+    /// The file cannot be written or deleted.
+    pub fn restored(&mut self, name: &str) -> io::Result<()> {
+        let before = self.contents.parameters.len();
+        self.contents.parameters.retain(|entry| entry.name != name);
+        match self.contents.parameters.len() {
+            after if after == before => Ok(()),
+            0 => fs::remove_file(&self.path),
+            _ => self.save(),
+        }
+    }
+
+    /// Writes the file so that a crash leaves the old one or the new one.
+    fn save(&self) -> io::Result<()> {
+        let partial = self.path.with_extension("json.partial");
+        let mut json = serde_json::to_vec_pretty(&self.contents)?;
+        json.push(b'\n');
+        let mut file = fs::File::create(&partial)?;
+        file.write_all(&json)?;
+        file.sync_all()?;
+        fs::rename(&partial, &self.path)
+    }
+}
+
+/// Why parameters were not put back.
+#[derive(Debug, Error)]
+pub enum FailedRestore {
+    /// The link failed, or the journal could not be written.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// Nobody was heard.
+    #[error("{0}")]
+    NobodyThere(Silence),
+    /// Another vehicle answers.
+    #[error("{journal} is about another vehicle ({vehicle}); nothing was changed")]
+    WrongVehicle {
+        /// The file.
+        journal: String,
+        /// The vehicle it is about.
+        vehicle: String,
+    },
+    /// Some are still as the run left them.
+    #[error("not put back: {names}; {journal} keeps them")]
+    Left {
+        /// Their names.
+        names: String,
+        /// The file.
+        journal: String,
+    },
+}
+
+/// Puts back what `journal` holds as soon as the vehicle is disarmed, however long that takes, and
+/// says meanwhile what it waits for. Ends when `stop` is set or the link is dead, too.
+///
+/// # Errors
+/// What was not put back stays in the journal.
+pub fn restore(
+    session: &mut Session,
+    client: &mut Autopilot<f64>,
+    journal: &mut ParameterJournal,
+    stop: &AtomicBool,
+    mut say: impl FnMut(&str),
+) -> Result<(), FailedRestore> {
+    let begin = session.now();
+    while client.vehicle().is_none() {
+        if session.now() - begin >= CONNECT_PATIENCE || stop.load(Ordering::Relaxed) {
+            return Err(FailedRestore::NobodyThere(session.silence(begin)));
+        }
+        session.turn(client, |_, _, _| {})?;
+    }
+    let file = journal.path().display().to_string();
+    if let Some((address, firmware)) = client.vehicle()
+        && !journal.fits(address.system, firmware)
+    {
+        return Err(FailedRestore::WrongVehicle {
+            journal: file,
+            vehicle: journal.vehicle(),
+        });
+    }
+    client.restore_first(&journal.changes());
+    let (mut disarmed, mut said) = (None, false);
+    while !client.is_restored() && !stop.load(Ordering::Relaxed) {
+        let now = session.now();
+        if client.is_link_dead(now) {
+            break;
+        }
+        if client.is_armed() {
+            disarmed = None;
+            if !std::mem::replace(&mut said, true) {
+                let names = journal.names();
+                say(&format!(
+                    "waiting for the vehicle to be disarmed to put back {names}"
+                ));
+            }
+        } else if now - *disarmed.get_or_insert(now) > RESTORE_PATIENCE
+            && client.phase() != Phase::Connecting
+        {
+            break;
+        }
+        session.turn(client, |_, _, _| {})?;
+        while let Some(event) = client.take_next_event() {
+            if let Event::Finding(finding) = &event {
+                match finding {
+                    Finding::Restored { name, .. } => {
+                        say(&finding.to_string());
+                        journal.restored(name)?;
+                    }
+                    Finding::NotRestored { .. } => say(&finding.to_string()),
+                    _ => {}
+                }
+            }
+        }
+    }
+    if journal.is_empty() {
+        return Ok(());
+    }
+    Err(FailedRestore::Left {
+        names: journal.names(),
+        journal: file,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VEHICLE: (u8, Firmware) = (1, Firmware::ArduCopter);
+
+    fn change(name: &str, value: f32) -> ChangedParameter {
+        // MAV_PARAM_TYPE_REAL32.
+        ChangedParameter::noted(name, value.to_bits(), 9).unwrap()
+    }
+
+    #[test]
+    fn it_keeps_the_first_value_until_all_are_put_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE_NAME);
+        let open = || ParameterJournal::open(&path, "udpout:host:14550").unwrap();
+        let mut journal = open();
+        assert!(journal.is_empty() && journal.fits(7, Firmware::Px4));
+        journal.note(VEHICLE, &[]).unwrap();
+        assert!(!path.exists(), "nothing is changed yet");
+        let speed = change("WPNAV_SPEED", 1000.0);
+        journal.note(VEHICLE, &[speed]).unwrap();
+        journal
+            .note(VEHICLE, &[speed, change("ANGLE_MAX", 3000.0)])
+            .unwrap();
+        // Another run finds it, and changes the same parameter again.
+        let mut journal = open();
+        assert_eq!(journal.names(), "WPNAV_SPEED, ANGLE_MAX");
+        assert!(journal.fits(1, Firmware::ArduCopter));
+        assert!(!journal.fits(2, Firmware::ArduCopter) && !journal.fits(1, Firmware::Px4));
+        journal
+            .note(VEHICLE, &[change("WPNAV_SPEED", 3500.0)])
+            .unwrap();
+        assert_eq!(
+            open().changes(),
+            [speed, change("ANGLE_MAX", 3000.0)],
+            "the value before any change counts"
+        );
+        journal.restored("ANGLE_MAX").unwrap();
+        assert_eq!(open().changes(), [speed]);
+        journal.restored("WPNAV_SPEED").unwrap();
+        assert!(!path.exists());
+        journal.restored("WPNAV_SPEED").unwrap();
+    }
+
+    /// PX4 sends the bytes of its integers, which are no number as a float.
+    #[test]
+    fn bits_survive() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE_NAME);
+        let mut journal = ParameterJournal::open(&path, "").unwrap();
+        // -1 as MAV_PARAM_TYPE_INT32.
+        let change = ChangedParameter::noted("MPC_TILTMAX_AIR", u32::MAX, 6).unwrap();
+        journal.note((1, Firmware::Px4), &[change]).unwrap();
+        let again = ParameterJournal::open(&path, "").unwrap().changes();
+        assert_eq!(again[0].was.to_bits(), u32::MAX);
+        assert!(fs::read_to_string(&path).unwrap().contains("\"-1\""));
+        assert_eq!(ChangedParameter::noted("NO_SUCH_NAME", 0, 9), None);
+        assert_eq!(ChangedParameter::noted("ANGLE_MAX", 0, 99), None);
+    }
+
+    #[test]
+    fn a_file_that_is_no_journal_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE_NAME);
+        fs::write(&path, "{}").unwrap();
+        let error = ParameterJournal::open(&path, "").unwrap_err().to_string();
+        assert!(error.contains(FILE_NAME), "{error}");
+    }
+}
