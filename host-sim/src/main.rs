@@ -30,7 +30,7 @@ enum Command {
     /// Plan the whole mission and hand it to an autopilot
     Upload(upload::UploadArguments),
     /// Say what would stop or slow a mission with an autopilot; moves nothing
-    Doctor(doctor::AutopilotArguments),
+    Doctor(doctor::DoctorArguments),
     /// Solve slot problems given as JSON lines
     Solve(solve::SolveArguments),
     /// Certify the most that any mission can carry, and find a mission close to it

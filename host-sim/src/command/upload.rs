@@ -1,5 +1,7 @@
 //! `host-sim upload`: plans the whole mission and hands it to an autopilot.
 
+use std::path::PathBuf;
+
 use clap::{Args, ValueEnum};
 use firmware_core::autopilot::mission::Ending;
 use host_sim::{
@@ -7,7 +9,7 @@ use host_sim::{
     flight::{self, FlightSettings, Pace, Peer},
     interrupt,
     policy::PolicyChoice,
-    upload::Upload,
+    upload::{Progress, Upload},
     vehicle::{Profile, Vehicle},
 };
 use indicatif::{ProgressBar, ProgressStyle};
@@ -35,6 +37,14 @@ pub(crate) struct UploadArguments {
     /// Fly it as soon as it is there: arms the motors and takes off
     #[arg(long)]
     start: bool,
+    /// Set the autopilot's parameters that clip the mission's speed. They STAY set, for the mission
+    /// flies after this command has ended; what they were is printed. After a failed upload they
+    /// are put back
+    #[arg(long)]
+    set_params: bool,
+    /// Where to log what passes on the link
+    #[arg(long, default_value = "out/upload.tlog", value_name = "FILE")]
+    log: PathBuf,
 }
 
 /// Plans on the ideal vehicle, uploads, reads back, and starts if asked.
@@ -62,7 +72,10 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let mut waypoints: Vec<_> = record.slots.iter().map(|slot| slot.planned).collect();
     // One more slot away at most; the paper counts that as arrived.
     waypoints.push(mission.destination);
-    let (mut session, mut client) = arguments.autopilot.connect(&scenario)?;
+    let (mut session, mut client) =
+        arguments
+            .autopilot
+            .connect(&scenario, &arguments.log, arguments.set_params)?;
     let upload = Upload {
         waypoints: &waypoints,
         speed_mps: mission.max_speed_mps,
@@ -75,11 +88,20 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     };
     let stop = interrupt::flag();
     let bar = transfer_bar()?;
-    let outcome = upload.run(&mut session, &mut client, &stop, |done, count| {
-        bar.set_length(count.into());
-        bar.set_position(done.into());
-    });
+    let outcome = upload.run(
+        &mut session,
+        &mut client,
+        &stop,
+        |progress| match progress {
+            Progress::Items { done, count } => {
+                bar.set_length(count.into());
+                bar.set_position(done.into());
+            }
+            Progress::Note(words) => bar.suspend(|| eprintln!("note: {words}")),
+        },
+    );
     bar.finish_and_clear();
+    session.flush()?;
     let items = outcome.map_err(Failure::failed)?;
     let begun = if arguments.start {
         ", and it flies"

@@ -8,6 +8,7 @@
 //! vehicle time is simulated, in steps of 10 ms, as fast as it computes or at a pace; with any
 //! other it is the clock's.
 
+mod airframe;
 pub mod board;
 mod clock;
 mod ground;
@@ -20,8 +21,9 @@ use firmware_core::{
     Displacement, Position, SENSORS_MAX, USERS_MAX,
     autopilot::{
         self, Autopilot, Event, Finding, Geofence, Phase, SettingsError,
-        failsafe::Watch,
+        failsafe::{Cause, Watch},
         frames::Geodetic,
+        preflight::Preflight,
         wire::{
             MAX_FRAME,
             signing::{Signer, Verifier},
@@ -44,6 +46,7 @@ use crate::{
     world::World,
 };
 
+pub use airframe::{ProfileChoice, WrongProfile};
 use clock::Clock;
 pub use clock::Pace;
 use ground::Ground;
@@ -121,6 +124,9 @@ pub enum FlightError {
     /// The link failed.
     #[error("link: {0}")]
     Link(#[from] std::io::Error),
+    /// The profile that was given is for another autopilot.
+    #[error("{0}")]
+    WrongProfile(#[from] WrongProfile),
     /// No autopilot at the other end.
     #[error("{0}")]
     NobodyThere(Silence),
@@ -198,6 +204,7 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
     autopilot::Settings {
         limits,
         geofence: Some(fence),
+        preflight: Preflight::of(p),
         watch: Watch {
             ground: Some((slot * GROUND_SLOTS).max(GROUND_PATIENCE)),
             ..Watch::default()
@@ -234,6 +241,8 @@ struct Flight<P> {
     stopwatch: Stopwatch,
     events: Vec<FlightEvent>,
     path: Vec<PathSample>,
+    profile: Profile,
+    profile_choice: ProfileChoice,
     /// When slot 1 began.
     started: Option<Instant>,
     /// When the flight was over.
@@ -251,6 +260,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
         let autopilot = Autopilot::new(autopilot::Settings {
             set_parameters: peer.sets_parameters(),
+            own: peer.own(),
             ..autopilot_settings(scenario, settings.profile)
         })?;
         let mut onboard = Onboard::new(Settings::default(), controller, autopilot);
@@ -267,6 +277,11 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             stopwatch: Stopwatch::default(),
             events: Vec::new(),
             path: Vec::new(),
+            profile: settings.profile,
+            profile_choice: ProfileChoice::new(
+                scenario,
+                (!peer.names_profile()).then_some(settings.profile),
+            ),
             started: None,
             ended: None,
         })
@@ -281,6 +296,9 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             peer.step(now)?;
             self.onboard.set_signing_time(peer.unix_us(now));
             self.exchange(now, peer, observer)?;
+            if let Some(profile) = self.profile_choice.settle(self.onboard.autopilot_mut())? {
+                self.profile = profile;
+            }
             self.note_path(now, peer);
             self.note_events(now, observer);
             if self.onboard.autopilot().phase().is_final() && self.is_tidy(now, observer) {
@@ -392,11 +410,18 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         }
         let autopilot = self.onboard.autopilot();
         let fault = self.onboard.fault().map(|fault: Fault| fault.to_string());
-        let cause = autopilot.fault().map(|cause| cause.to_string());
+        let refusal = autopilot.refusal().map(|refusal| refusal.to_string());
+        let cause = autopilot
+            .fault()
+            .map(|cause| match (cause, autopilot.obstacle()) {
+                (Cause::StageTimedOut, Some(obstacle)) => format!("{cause}: {obstacle}"),
+                _ => cause.to_string(),
+            });
         Err(FlightError::BrokenOff {
             slots_done: self.ground.slots().len(),
             slots: self.onboard.controller().mission().slots(),
             reason: fault
+                .or(refusal)
                 .or(cause)
                 .unwrap_or_else(|| autopilot.phase().to_string()),
         })
@@ -407,7 +432,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             scenario: scenario.clone(),
             policy: settings.policy.clone(),
             inner: settings.inner.to_string(),
-            profile: settings.profile.name().into(),
+            profile: self.profile.name().into(),
             seed: settings.seed,
             link: self.ground.link(),
             slots: self.ground.into_slots(),

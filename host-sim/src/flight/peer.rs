@@ -11,7 +11,10 @@ use std::{
 
 use firmware_core::{
     Position,
-    autopilot::wire::{Decoder, signing::SigningKey},
+    autopilot::{
+        OwnAddress,
+        wire::{Decoder, signing::SigningKey},
+    },
     time::Instant,
 };
 
@@ -34,6 +37,8 @@ pub struct Peer {
     beside: Vec<(String, Beside)>,
     key: Option<SigningKey>,
     set_parameters: bool,
+    names_profile: bool,
+    own: OwnAddress,
     log: Option<TlogWriter<BufWriter<File>>>,
 }
 
@@ -82,6 +87,8 @@ impl Peer {
             beside: Vec::new(),
             key: None,
             set_parameters: false,
+            names_profile: false,
+            own: OwnAddress::ONBOARD_COMPUTER,
             log: None,
         }
     }
@@ -139,6 +146,19 @@ impl Peer {
         self
     }
 
+    /// The autopilot's heartbeat decides which profile's limits are planned with, instead of the
+    /// settings of the flight.
+    pub fn naming_profile(mut self) -> Self {
+        self.names_profile = true;
+        self
+    }
+
+    /// The address that our client's frames carry.
+    pub fn spoken_to_as(mut self, own: OwnAddress) -> Self {
+        self.own = own;
+        self
+    }
+
     /// Logs every frame in both directions into a `.tlog` file. Simulated flights are logged in
     /// simulated time from a fixed date, so that the same flight gives the same bytes.
     ///
@@ -156,6 +176,14 @@ impl Peer {
 
     pub(super) fn key(&self) -> Option<&SigningKey> {
         self.key.as_ref()
+    }
+
+    pub(super) fn names_profile(&self) -> bool {
+        self.names_profile
+    }
+
+    pub(super) fn own(&self) -> OwnAddress {
+        self.own
     }
 
     pub(super) fn sets_parameters(&self) -> bool {

@@ -159,7 +159,9 @@ impl Board for Twin {
             let fault = computer.fault().map(|fault| fault.to_string());
             let client = computer.autopilot();
             let cause = client.fault().map(|cause| cause.to_string());
+            let refusal = client.refusal().map(|refusal| refusal.to_string());
             fault
+                .or(refusal)
                 .or(cause)
                 .unwrap_or_else(|| client.phase().to_string())
         });
