@@ -8,6 +8,7 @@ use firmware_core::autopilot::frames::MapFrame;
 use firmware_core::autopilot::mission::{
     Ending, Left, MissionPlan, MissionUpload, PlanError, SPACE_PATIENCE, UploadError,
 };
+use firmware_core::autopilot::preflight::PreflightRefusal;
 use firmware_core::autopilot::{Autopilot, Event, Finding, Phase};
 use firmware_core::time::{Duration, Instant};
 use thiserror::Error;
@@ -131,6 +132,15 @@ fn take_events(
     }
 }
 
+/// What stands against a start. An uploaded mission has no slots: a vehicle that is slower than the
+/// mission's speed arrives later.
+fn refusal(client: &Autopilot<f64>, now: Instant) -> Option<PreflightRefusal> {
+    client
+        .refusals(now)
+        .into_iter()
+        .find(|refusal| !matches!(refusal, PreflightRefusal::TooSlow { .. }))
+}
+
 impl Upload<'_> {
     /// Connects, transfers, reads back, compares, and starts if asked. Returns the number of
     /// items. When `stop` is set the transfer is cancelled and cleared.
@@ -173,7 +183,7 @@ impl Upload<'_> {
 
     /// The client has heard what is needed before a transfer.
     fn is_prepared(&self, client: &Autopilot<f64>, now: Instant) -> bool {
-        let refused = !client.refusals(now).is_empty();
+        let refused = refusal(client, now).is_some();
         let ready = !self.start || client.phase() == Phase::Standby || refused;
         let settled = !client.settings().set_parameters || client.parameters_are_read();
         client.vehicle().is_some() && ready && settled
@@ -208,7 +218,7 @@ impl Upload<'_> {
         if let Some(wrong) = session.wrong_profile() {
             return Err(FailedUpload::WrongProfile(wrong));
         }
-        if let Some(refusal) = client.refusals(session.now()).first()
+        if let Some(refusal) = refusal(client, session.now())
             && self.start
         {
             return Err(FailedUpload::NotReady(refusal.to_string()));
