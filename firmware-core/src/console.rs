@@ -28,7 +28,7 @@ use crate::{
     Mission, SENSORS_MAX, USERS_MAX,
     autopilot::{
         Autopilot, Geofence, Phase, Settings, SettingsError, failsafe::Watch, frames::Geodetic,
-        guidance::Limits,
+        guidance::Limits, preflight::Preflight,
     },
     controller::Controller,
     link::{self, Decoder, FrameError, FrameTooLong},
@@ -323,6 +323,7 @@ impl Order {
                 ground: self.ground_patience,
                 ..Watch::default()
             },
+            preflight: Preflight::of(p),
             ..Settings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
         };
         let autopilot = Autopilot::new(flight)?;

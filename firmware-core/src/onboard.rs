@@ -159,7 +159,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             settings,
             slot_duration_s,
             controller,
-            mavlink_out: wire::Encoder::new(autopilot.settings().own),
+            mavlink_out: wire::Encoder::new(autopilot.own()),
             autopilot,
             stage: Stage::Preparing,
             fault: None,
@@ -265,6 +265,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         buffer: &'b mut FrameBuffer,
     ) -> Option<&'b [u8]> {
         let message = self.autopilot.poll(now)?;
+        self.mavlink_out.send_as(self.autopilot.own());
         let frame = self.mavlink_out.encode_of_client(&message, buffer);
         debug_assert!(frame.is_some(), "{message:?} is not listed in wire::client");
         frame

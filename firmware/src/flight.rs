@@ -7,8 +7,8 @@
 
 use firmware_core::{
     autopilot::{
-        Phase,
-        wire::{Address, Encoder, MAX_FRAME},
+        OwnAddress, Phase,
+        wire::{Encoder, MAX_FRAME},
     },
     console::{
         self, BoardComputer, Call, Calls, Clock, Cost, Footprint, Order, REPORT_FRAME_MAX, Refusal,
@@ -132,10 +132,7 @@ fn report_footprint<B: Board>(board: &mut B) {
 /// A line of text for whoever listens to MAVLink.
 #[inline(never)]
 fn warn<B: Board>(board: &mut B, text: &str) {
-    let own = Address {
-        system: 255,
-        component: 191,
-    };
+    let own = OwnAddress::ONBOARD_COMPUTER.resolve(None);
     let mut frame = [0; MAX_FRAME];
     let frame = Encoder::new(own).encode_critical_text(text, &mut frame);
     board.send(Line::Mavlink, frame);

@@ -7,13 +7,18 @@ use std::fmt;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use firmware_core::USERS_MAX;
+use firmware_core::autopilot::preflight::Preflight;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::autopilot::{Autopilot, Event, Finding, Phase, advice};
+use firmware_core::policy::Policy;
 use firmware_core::time::Duration;
 
-use crate::flight::CONNECT_PATIENCE;
+use crate::allocation::Allocation;
+use crate::flight::{self, CONNECT_PATIENCE, FlightSettings, Pace, Peer, ProfileChoice};
 use crate::link::Session;
-use crate::vehicle::Profile;
+use crate::scenario::Scenario;
+use crate::vehicle::{Profile, Vehicle, VehicleSettings};
 
 /// What was found.
 #[derive(Clone, Debug, Default)]
@@ -24,6 +29,8 @@ pub struct Diagnosis {
     pub stops: Vec<String>,
     /// What would slow it, and which parameter to set.
     pub slows: Vec<String>,
+    /// How the mission would end, where that can be said.
+    pub outcome: Option<Prediction>,
     /// What is good to know.
     pub notes: Vec<String>,
     /// What the autopilot said meanwhile.
@@ -61,6 +68,9 @@ impl fmt::Display for Diagnosis {
             }
             None => writeln!(f, "nobody answers: no autopilot's heartbeat was heard")?,
         }
+        if let Some(outcome) = &self.outcome {
+            writeln!(f, "outcome: {outcome}")?;
+        }
         for (what, all) in [
             ("stops a mission", &self.stops),
             ("slows a mission", &self.slows),
@@ -94,7 +104,8 @@ pub fn examine(
     loop {
         let waited = session.now() - begin;
         let deaf = client.phase() == Phase::Connecting && waited >= CONNECT_PATIENCE;
-        let over = deaf || waited >= patience || stop.load(Ordering::Relaxed);
+        let wrong = session.wrong_profile().is_some();
+        let over = deaf || wrong || waited >= patience || stop.load(Ordering::Relaxed);
         if over || client.phase() == Phase::Standby {
             break;
         }
@@ -104,12 +115,215 @@ pub fn examine(
             diagnosis.note(&event);
         }
     }
-    if client.phase() != Phase::Standby && diagnosis.vehicle.is_some() {
+    if let Some(wrong) = session.wrong_profile() {
+        diagnosis.stops.push(wrong.to_string());
+    }
+    for refusal in client.refusals(session.now()) {
+        diagnosis.stops.push(refusal.to_string());
+    }
+    if client.parameters_are_read()
+        && let Some((_, firmware)) = client.vehicle()
+    {
+        let own = client.own().system;
+        let words = without_us(firmware, own, |name| client.parameter(name));
+        diagnosis.notes.extend(words);
+    }
+    if client.phase() != Phase::Standby && diagnosis.vehicle.is_some() && diagnosis.stops.is_empty()
+    {
         let words = client.obstacle().map(|obstacle| obstacle.to_string());
         let words = words.unwrap_or_else(|| "the checks did not end".into());
         diagnosis.stops.push(words);
     }
     Ok(diagnosis)
+}
+
+/// What happens when this process dies in flight, as the autopilot's parameters have it: without
+/// and with a ground station beside. `own_system` is the system id of our heartbeats.
+pub fn without_us(
+    firmware: Firmware,
+    own_system: u8,
+    parameter: impl Fn(&str) -> Option<f32>,
+) -> Vec<String> {
+    match firmware {
+        Firmware::Generic => {
+            vec!["if this process dies: the built-in vehicle stops after 3 s and hovers".into()]
+        }
+        Firmware::ArduCopter => {
+            let timeout_s = parameter("GUID_TIMEOUT").unwrap_or(3.0);
+            vec![
+                format!(
+                    "if this process dies: the vehicle flies on with its last velocity for \
+                     {timeout_s} s (GUID_TIMEOUT), then stops and hovers in GUIDED"
+                ),
+                arducopter_ground_failsafe(own_system, parameter),
+            ]
+        }
+        Firmware::Px4 => {
+            let loss_s = parameter("COM_OF_LOSS_T").unwrap_or(1.0);
+            let action = match parameter("COM_OBL_RC_ACT").map(|value| value as i32) {
+                Some(0) => "0, the position mode, in which it sinks slowly without a pilot",
+                Some(1) => "1, the altitude mode",
+                Some(2) => "2, flight by hand",
+                Some(3) => "3, it returns",
+                Some(4) => "4, it lands",
+                Some(5) => "5, it holds",
+                _ => "another action",
+            };
+            let ground = match parameter("NAV_DLL_ACT").map(|value| value as i32) {
+                None | Some(0) => "NAV_DLL_ACT is 0: a ground station that falls silent, or that \
+                                   was never there, changes nothing"
+                    .into(),
+                Some(value) => format!(
+                    "NAV_DLL_ACT is {value} (1 hold, 2 return, 3 land): it acts {} s after a \
+                     ground station beside has fallen silent (COM_DL_LOSS_T), not when this \
+                     process dies: an onboard computer's heartbeats do not count",
+                    parameter("COM_DL_LOSS_T").unwrap_or(10.0)
+                ),
+            };
+            vec![
+                format!(
+                    "if this process dies: the vehicle stops at the last setpoint after {loss_s} \
+                     s (COM_OF_LOSS_T); some 5 s later comes COM_OBL_RC_ACT: {action}"
+                ),
+                ground,
+            ]
+        }
+    }
+}
+
+/// ArduCopter counts the heartbeats of one system id, whoever else is there.
+fn arducopter_ground_failsafe(own_system: u8, parameter: impl Fn(&str) -> Option<f32>) -> String {
+    let action = match parameter("FS_GCS_ENABLE").map(|value| value as i32) {
+        None => return "FS_GCS_ENABLE could not be read".into(),
+        Some(0) => {
+            return "FS_GCS_ENABLE is 0: it hovers on, with a ground station beside or without, \
+                    until a pilot takes over or the battery failsafe acts"
+                .into();
+        }
+        Some(1) => "1, it returns",
+        Some(3) => "3, it returns the way it came, or straight",
+        Some(4) => "4, it returns the way it came, or lands",
+        Some(5) => "5, it lands",
+        Some(7) => "7, it brakes, or lands",
+        Some(_) => "not 0",
+    };
+    let timeout_s = parameter("FS_GCS_TIMEOUT").unwrap_or(5.0);
+    let ground = parameter("SYSID_MYGCS").or_else(|| parameter("MAV_GCS_SYSID"));
+    let ground = ground.unwrap_or(255.0);
+    if ground == f32::from(own_system) {
+        format!(
+            "FS_GCS_ENABLE is {action}: {timeout_s} s after this process died, as our heartbeats \
+             (system {own_system}) are the ones that count; a ground station beside with the same \
+             system id keeps it from acting, and the vehicle hovers on"
+        )
+    } else {
+        format!(
+            "FS_GCS_ENABLE is {action}: {timeout_s} s after the ground station with system id \
+             {ground} has fallen silent, and never without one; our heartbeats (system \
+             {own_system}) do not count, so when this process alone dies the vehicle hovers on"
+        )
+    }
+}
+
+/// How a mission would end with the autopilot that was examined.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prediction {
+    /// The speed that limits and parameters leave, m/s.
+    pub possible_mps: f64,
+    /// The speed that the straight way to the destination asks for, m/s.
+    pub needed_mps: f64,
+    /// The total of the ideal flight, bit/s/Hz.
+    pub ideal: f64,
+    /// The flight itself; `None` where it would not start.
+    pub flight: Option<PredictedFlight>,
+}
+
+/// A flight that was simulated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PredictedFlight {
+    /// Whether it arrives.
+    pub arrives: bool,
+    /// From its end to the destination, m.
+    pub distance_m: f64,
+    /// Its total, bit/s/Hz.
+    pub total: f64,
+}
+
+impl fmt::Display for Prediction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:.1} m/s are possible and {:.1} m/s are needed to arrive; ",
+            self.possible_mps, self.needed_mps
+        )?;
+        match self.flight {
+            None => f.write_str("the mission would not start"),
+            Some(flight) if flight.arrives => write!(
+                f,
+                "it would arrive, with {:.1} bit/s/Hz in all ({:.0} % of the ideal flight's {:.1}), \
+                 if the airframe reaches what its parameters allow",
+                flight.total,
+                100.0 * flight.total / self.ideal,
+                self.ideal
+            ),
+            Some(flight) => write!(
+                f,
+                "it would not arrive: it would end {:.0} m from the destination",
+                flight.distance_m
+            ),
+        }
+    }
+}
+
+/// Flies the mission with the built-in vehicle that behaves as the examined autopilot does and has
+/// its parameters, and with the ideal one: the policy of each is given. `None` while the
+/// parameters have not been read.
+pub fn predict<P: Policy<f64, USERS_MAX>>(
+    scenario: &Scenario,
+    [policy, ideal_policy]: [P; 2],
+    client: &Autopilot<f64>,
+    starts: bool,
+) -> Option<Prediction> {
+    let (_, firmware) = client.vehicle().filter(|_| client.parameters_are_read())?;
+    let fly = |policy: P, profile: Profile, parameters: Vec<(String, f32)>| {
+        let settings = FlightSettings {
+            policy: String::new(),
+            inner: Allocation::Exact,
+            profile,
+            pace: Pace::Max,
+            seed: 1,
+            symbols_per_slot: 1,
+        };
+        let vehicle = VehicleSettings {
+            parameters,
+            ready_after: Duration::from_secs(1),
+            ..flight::vehicle_settings(scenario, profile)
+        };
+        let peer = Peer::built_in(Vehicle::new(vehicle));
+        // One that was broken off on the way has not arrived either.
+        let (record, ended) = match flight::fly(scenario, policy, &settings, peer, &mut ()) {
+            Ok(record) => (record, true),
+            Err(failed) => (*failed.record?, false),
+        };
+        let summary = (!record.slots.is_empty()).then(|| record.summary())?;
+        Some(PredictedFlight {
+            arrives: ended && summary.arrived,
+            distance_m: summary.arrival_distance_m,
+            total: summary.sum_rate,
+        })
+    };
+    let ideal = fly(ideal_policy, Profile::Ideal, Vec::new())?;
+    let read = client
+        .parameters()
+        .map(|(name, value)| (name.to_owned(), value));
+    let flown = starts.then(|| fly(policy, ProfileChoice::of(firmware), read.collect()));
+    let mission = scenario.mission.parameters();
+    Some(Prediction {
+        possible_mps: client.limits().speed_mps.min(mission.max_speed_mps),
+        needed_mps: Preflight::of(mission).needed_speed_mps.unwrap_or_default(),
+        ideal: ideal.total,
+        flight: flown.flatten(),
+    })
 }
 
 /// The parameters that are read before a mission of this speed, as a table in Markdown: what they
@@ -130,7 +344,10 @@ pub fn parameter_table(speed_mps: f32) -> String {
             });
             let default = profile
                 .parameter(parameter.name)
-                .map_or("–".into(), |value| value.to_string());
+                .map_or("–".into(), |value| match value {
+                    0.0 => "0 (none)".into(),
+                    _ => value.to_string(),
+                });
             let unit = match (clips, parameter.unit) {
                 ("speed", Some(100.0)) => "cm/s",
                 ("speed", _) => "m/s",
@@ -152,6 +369,30 @@ pub fn parameter_table(speed_mps: f32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Who keeps which autopilot's failsafe from acting, and who does not.
+    #[test]
+    fn what_happens_without_us_is_said_from_the_parameters() {
+        let with = |all: &'static [(&str, f32)]| {
+            move |name: &str| all.iter().find(|(known, _)| *known == name).map(|p| p.1)
+        };
+        let arducopter = |own, all| without_us(Firmware::ArduCopter, own, with(all)).join("\n");
+        let off = arducopter(1, &[("FS_GCS_ENABLE", 0.0), ("GUID_TIMEOUT", 2.5)]);
+        assert!(off.contains("for 2.5 s (GUID_TIMEOUT)"), "{off}");
+        assert!(off.contains("hovers on, with a ground station beside or without"));
+        const ON: &[(&str, f32)] = &[("FS_GCS_ENABLE", 1.0), ("SYSID_MYGCS", 255.0)];
+        let beside = arducopter(1, ON);
+        assert!(beside.contains("(system 1) do not count"), "{beside}");
+        let counted = arducopter(255, ON);
+        assert!(counted.contains("5 s after this process died"), "{counted}");
+        const NEWER: &[(&str, f32)] = &[("FS_GCS_ENABLE", 5.0), ("MAV_GCS_SYSID", 254.0)];
+        let newer = arducopter(254, NEWER);
+        assert!(newer.contains("5, it lands"), "{newer}");
+        const PX4: &[(&str, f32)] = &[("COM_OBL_RC_ACT", 4.0), ("NAV_DLL_ACT", 2.0)];
+        let px4 = without_us(Firmware::Px4, 1, with(PX4)).join("\n");
+        assert!(px4.contains("COM_OBL_RC_ACT: 4, it lands"), "{px4}");
+        assert!(px4.contains("heartbeats do not count"), "{px4}");
+    }
 
     /// One source of truth: what the page tells people to set is what the client asks for.
     #[test]

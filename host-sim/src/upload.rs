@@ -4,15 +4,16 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use firmware_core::Position;
-use firmware_core::autopilot::Autopilot;
 use firmware_core::autopilot::frames::MapFrame;
 use firmware_core::autopilot::mission::{
-    Ending, Left, MissionPlan, MissionUpload, PlanError, UploadError,
+    Ending, Left, MissionPlan, MissionUpload, PlanError, SPACE_PATIENCE, UploadError,
 };
-use firmware_core::time::Duration;
+use firmware_core::autopilot::preflight::PreflightRefusal;
+use firmware_core::autopilot::{Autopilot, Event, Finding, Phase};
+use firmware_core::time::{Duration, Instant};
 use thiserror::Error;
 
-use crate::flight::CONNECT_PATIENCE;
+use crate::flight::{CONNECT_PATIENCE, WrongProfile};
 use crate::link::{Session, Silence};
 
 /// What is handed over.
@@ -30,6 +31,20 @@ pub struct Upload<'a> {
     pub patience: Duration,
 }
 
+/// What happens during an upload, for whoever shows it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Progress {
+    /// The autopilot has asked for so many items.
+    Items {
+        /// Asked for.
+        done: u16,
+        /// Of so many.
+        count: u16,
+    },
+    /// Something that a person should know.
+    Note(String),
+}
+
 /// Why it failed.
 #[derive(Debug, Error)]
 pub enum FailedUpload {
@@ -39,6 +54,9 @@ pub enum FailedUpload {
     /// No autopilot was heard.
     #[error("{0}")]
     NobodyThere(Silence),
+    /// The profile that was given is for another autopilot.
+    #[error("{0}")]
+    WrongProfile(WrongProfile),
     /// The autopilot is there, but not ready to start a mission.
     #[error("the autopilot is not ready: {0}")]
     NotReady(String),
@@ -64,23 +82,128 @@ fn what_is_left(left: Left) -> &'static str {
     }
 }
 
+/// The acceleration with which autopilots fly the legs of a mission, m/s^2: ArduCopter's default.
+const MISSION_ACCELERATION_MPS2: f64 = 2.5;
+
+/// Says so if the legs of a mission are too short for its speed: an autopilot slows down at each
+/// waypoint, and from rest to rest over a leg of length `L` with acceleration `a` it reaches
+/// `sqrt(a L)`. (ArduCopter was seen to reach 8 m/s over 25 m.)
+pub fn short_legs(waypoints: &[Position<f64>], speed_mps: f64) -> Option<String> {
+    let mut legs_m: Vec<f64> = waypoints
+        .windows(2)
+        .map(|pair| (pair[1] - pair[0]).norm())
+        .filter(|&leg_m| leg_m > 0.5)
+        .collect();
+    legs_m.sort_by(f64::total_cmp);
+    let leg_m = *legs_m.get(legs_m.len() / 2)?;
+    let reached_mps = (MISSION_ACCELERATION_MPS2 * leg_m).sqrt();
+    (reached_mps < 0.9 * speed_mps).then(|| {
+        format!(
+            "half of the legs are shorter than {leg_m:.0} m: an autopilot slows down at each \
+             waypoint and reaches some {reached_mps:.0} m/s on such legs, not {speed_mps:.0}; \
+             host-sim run flies them at the mission's speed"
+        )
+    })
+}
+
+/// How long after a failed upload parameters may take to be put back.
+const RESTORE_PATIENCE: Duration = Duration::from_secs(30);
+
+/// What was set for the mission: name and value before.
+type Changed = Vec<(&'static str, f32)>;
+
+/// Shows what the client found, and notes which parameters it set.
+fn take_events(
+    client: &mut Autopilot<f64>,
+    changed: &mut Changed,
+    progress: &mut impl FnMut(Progress),
+) {
+    while let Some(event) = client.take_next_event() {
+        match &event {
+            Event::Finding(Finding::Set { name, from, .. }) => changed.push((name, *from)),
+            Event::Finding(Finding::Restored { name, .. }) => {
+                changed.retain(|(known, _)| known != name);
+            }
+            Event::Finding(Finding::Clips { .. } | Finding::NotRestored { .. })
+            | Event::Failed { .. } => {}
+            _ => continue,
+        }
+        progress(Progress::Note(event.to_string()));
+    }
+}
+
+/// What stands against a start. An uploaded mission has no slots: a vehicle that is slower than the
+/// mission's speed arrives later.
+fn refusal(client: &Autopilot<f64>, now: Instant) -> Option<PreflightRefusal> {
+    client
+        .refusals(now)
+        .into_iter()
+        .find(|refusal| !matches!(refusal, PreflightRefusal::TooSlow { .. }))
+}
+
 impl Upload<'_> {
     /// Connects, transfers, reads back, compares, and starts if asked. Returns the number of
     /// items. When `stop` is set the transfer is cancelled and cleared.
+    ///
+    /// Where the client's settings have it set parameters, they are set before the transfer. They
+    /// stay set when the mission is there, as it is flown after this has returned, and a note says
+    /// what they were; after a failure they are put back.
+    ///
+    /// # Errors
+    /// Nobody answers, the autopilot is not ready to start, or it does not take the mission.
     pub fn run(
         &self,
         session: &mut Session,
         client: &mut Autopilot<f64>,
         stop: &AtomicBool,
-        mut progress: impl FnMut(u16, u16),
+        mut progress: impl FnMut(Progress),
+    ) -> Result<u16, FailedUpload> {
+        let mut changed = Changed::new();
+        if let Some(words) = short_legs(self.waypoints, self.speed_mps) {
+            progress(Progress::Note(words));
+        }
+        let outcome = self.connect_and_transfer(session, client, stop, &mut changed, &mut progress);
+        take_events(client, &mut changed, &mut progress);
+        match &outcome {
+            Ok(_) if !changed.is_empty() => {
+                let old: Vec<String> = changed
+                    .iter()
+                    .map(|(name, from)| format!("{name} {from}"))
+                    .collect();
+                progress(Progress::Note(format!(
+                    "the parameters stay set, for the mission flies with them; they were: {}",
+                    old.join(", ")
+                )));
+            }
+            Ok(_) => {}
+            Err(_) => put_back(session, client, &mut changed, &mut progress)?,
+        }
+        outcome
+    }
+
+    /// The client has heard what is needed before a transfer.
+    fn is_prepared(&self, client: &Autopilot<f64>, now: Instant) -> bool {
+        let refused = refusal(client, now).is_some();
+        let ready = !self.start || client.phase() == Phase::Standby || refused;
+        let settled = !client.settings().set_parameters || client.parameters_are_read();
+        client.vehicle().is_some() && ready && settled
+    }
+
+    fn connect_and_transfer(
+        &self,
+        session: &mut Session,
+        client: &mut Autopilot<f64>,
+        stop: &AtomicBool,
+        changed: &mut Changed,
+        progress: &mut impl FnMut(Progress),
     ) -> Result<u16, FailedUpload> {
         let begin = session.now();
-        let ready = |client: &Autopilot<f64>| {
-            client.vehicle().is_some()
-                && (!self.start || client.phase() == firmware_core::autopilot::Phase::Standby)
-        };
-        while !ready(client) {
+        while !self.is_prepared(client, session.now()) {
             session.turn(client, |_, _, _| {})?;
+            take_events(client, changed, progress);
+            if let Some(wrong) = session.wrong_profile() {
+                return Err(FailedUpload::WrongProfile(wrong));
+            }
             let waited = session.now() - begin;
             let deaf = client.vehicle().is_none() && waited >= CONNECT_PATIENCE;
             if deaf || waited >= self.patience || stop.load(Ordering::Relaxed) {
@@ -91,6 +214,14 @@ impl Upload<'_> {
                     (_, None) => FailedUpload::NotReady("its checks did not end".into()),
                 });
             }
+        }
+        if let Some(wrong) = session.wrong_profile() {
+            return Err(FailedUpload::WrongProfile(wrong));
+        }
+        if let Some(refusal) = refusal(client, session.now())
+            && self.start
+        {
+            return Err(FailedUpload::NotReady(refusal.to_string()));
         }
         let settings = *client.settings();
         let Some((to, firmware)) = client.vehicle() else {
@@ -104,7 +235,8 @@ impl Upload<'_> {
             speed_mps: self.speed_mps,
             ending: self.ending,
         };
-        let mut upload = MissionUpload::new(plan, to, settings.own, self.start)?;
+        let mut upload = MissionUpload::new(plan, to, client.own(), self.start)?;
+        let mut said = false;
         loop {
             while let Some(message) = upload.poll(session.now()) {
                 session.send(&message)?;
@@ -112,11 +244,20 @@ impl Upload<'_> {
             session.turn(client, |now, from, message| {
                 upload.receive(now, from, message)
             })?;
+            take_events(client, changed, progress);
             if stop.load(Ordering::Relaxed) {
                 upload.cancel(session.now());
             }
+            if upload.waits_for_space() && !said {
+                said = true;
+                progress(Progress::Note(format!(
+                    "the autopilot has no space for a mission; it is asked again for {} s, as \
+                     ArduCopter has none in the first seconds after it has booted",
+                    SPACE_PATIENCE.as_secs_f64()
+                )));
+            }
             let (done, count) = upload.progress();
-            progress(done, count);
+            progress(Progress::Items { done, count });
             match upload.outcome() {
                 // The last word of a read-back may still be due.
                 Some(outcome) => {
@@ -130,5 +271,48 @@ impl Upload<'_> {
                 None => continue,
             }
         }
+    }
+}
+
+/// After a failure: parameters that were set become what they were.
+fn put_back(
+    session: &mut Session,
+    client: &mut Autopilot<f64>,
+    changed: &mut Changed,
+    progress: &mut impl FnMut(Progress),
+) -> io::Result<()> {
+    let begin = session.now();
+    client.stop(begin);
+    while !client.is_restored() {
+        session.turn(client, |_, _, _| {})?;
+        if session.now() - begin > RESTORE_PATIENCE {
+            client.abandon_parameters();
+        }
+        take_events(client, changed, progress);
+    }
+    take_events(client, changed, progress);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 25 m legs were flown at 8 m/s, 300 m legs at nearly 30 m/s.
+    #[test]
+    fn short_legs_are_named_with_their_length() {
+        let legs = |length_m: f64| -> Vec<Position<f64>> {
+            (0..20)
+                .map(|n| Position::new(f64::from(n) * length_m, 0.0))
+                .collect()
+        };
+        let words = short_legs(&legs(25.0), 30.0).expect("too short");
+        assert!(
+            words.contains("25 m") && words.contains("some 8 m/s"),
+            "{words}"
+        );
+        assert_eq!(short_legs(&legs(300.0), 30.0), None);
+        assert_eq!(short_legs(&legs(25.0), 8.0), None);
+        assert_eq!(short_legs(&legs(25.0)[..1], 30.0), None);
     }
 }

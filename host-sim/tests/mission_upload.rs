@@ -12,7 +12,9 @@ use firmware_core::time::{Duration, Instant};
 use flight::{origin, zigzag};
 use host_sim::link::lossy::{Channel, Faults};
 use host_sim::vehicle::{FlightMode, Profile, Vehicle};
-use mavlink::dialects::common::MavMissionResult;
+use mavlink::dialects::common::{
+    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult,
+};
 
 const OWN: Address = Address {
     system: 255,
@@ -47,7 +49,7 @@ impl Transfer {
         let mut settings = flight::vehicle(profile);
         settings.ready_after = Duration::from_millis(100);
         Self {
-            now: Instant::from_micros(1_000_000),
+            now: BEGIN,
             vehicle: Vehicle::new(settings),
             up: Channel::new(faults.clone(), seed),
             down: Channel::new(faults.clone(), !seed),
@@ -92,13 +94,22 @@ impl Transfer {
     }
 }
 
+/// When transfers begin: an ArduCopter has space for a mission by then.
+const BEGIN: Instant = Instant::from_micros(20_000_000);
+
 const HABITS: [Profile; 3] = [Profile::Multirotor, Profile::ArduCopter, Profile::Px4];
 
 #[test]
 fn a_mission_is_uploaded_read_back_started_and_flown() {
-    for profile in HABITS {
+    for (profile, ending) in HABITS
+        .into_iter()
+        .flat_map(|profile| [(profile, Ending::Land), (profile, Ending::Return)])
+    {
         let waypoints = zigzag();
-        let plan = plan(profile, &waypoints);
+        let plan = MissionPlan {
+            ending,
+            ..plan(profile, &waypoints)
+        };
         let mut upload = MissionUpload::new(plan, VEHICLE, OWN, true).unwrap();
         let mut transfer = Transfer::new(profile, &Faults::default(), 0);
         transfer.run(&mut upload, |_, _| {}).unwrap();
@@ -119,6 +130,111 @@ fn a_mission_is_uploaded_read_back_started_and_flown() {
         assert!(!transfer.vehicle.armed(), "{profile} landed at the end");
         assert_eq!(transfer.vehicle.altitude_m(), 0.0);
     }
+}
+
+/// What the vehicle refuses, with the reason, before it is asked anything else.
+fn refusal(profile: Profile, change: fn(&mut MISSION_ITEM_INT_DATA)) -> Option<MavMissionResult> {
+    let waypoints = zigzag();
+    let plan = MissionPlan {
+        ending: Ending::Return,
+        ..plan(profile, &waypoints)
+    };
+    let mut transfer = Transfer::new(profile, &Faults::default(), 0);
+    let mut buffer = [0; MAX_FRAME];
+    let mut say = |transfer: &mut Transfer, message: &MavMessage| {
+        let frame = transfer.encoder.encode(message, &mut buffer).to_vec();
+        transfer.vehicle.receive(BEGIN, &frame);
+        let mut answers = vec![];
+        while let Some(frame) = transfer.vehicle.next_frame() {
+            let mut decoder = Decoder::new();
+            let mut bytes = &frame[..];
+            answers.push(decoder.next_frame(&mut bytes).unwrap().message().unwrap());
+        }
+        answers
+    };
+    let mut answers = say(
+        &mut transfer,
+        &MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+            count: plan.count(),
+            target_system: 1,
+            target_component: 1,
+            ..MISSION_COUNT_DATA::DEFAULT
+        }),
+    );
+    for sequence in 0..plan.count() {
+        if let Some(MavMessage::MISSION_ACK(ack)) = answers.last() {
+            return Some(ack.mavtype);
+        }
+        let mut item = plan.item(sequence, VEHICLE).unwrap();
+        change(&mut item);
+        answers = say(&mut transfer, &MavMessage::MISSION_ITEM_INT(item));
+    }
+    answers.iter().find_map(|answer| match answer {
+        MavMessage::MISSION_ACK(ack) => Some(ack.mavtype),
+        _ => None,
+    })
+}
+
+/// PX4 takes a command without a place in the frame MISSION and a place in any frame but that.
+#[test]
+fn items_are_sent_in_the_frames_that_px4_takes() {
+    for profile in HABITS {
+        let accepted = Some(MavMissionResult::MAV_MISSION_ACCEPTED);
+        assert_eq!(refusal(profile, |_| {}), accepted, "{profile}");
+    }
+    let everywhere = |item: &mut MISSION_ITEM_INT_DATA| {
+        item.frame = MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT;
+    };
+    let unsupported = Some(MavMissionResult::MAV_MISSION_UNSUPPORTED);
+    assert_eq!(refusal(Profile::Px4, everywhere), unsupported);
+    let waypoints = zigzag();
+    let plan = MissionPlan {
+        ending: Ending::Return,
+        ..plan(Profile::Px4, &waypoints)
+    };
+    for sequence in 0..plan.count() {
+        let item = plan.item(sequence, VEHICLE).unwrap();
+        let placeless = matches!(
+            item.command,
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
+        );
+        let frame = if placeless {
+            assert_eq!((item.x, item.y, item.z), (0, 0, 0.0));
+            MavFrame::MAV_FRAME_MISSION
+        } else {
+            MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT
+        };
+        assert_eq!(item.frame, frame, "item {sequence}");
+    }
+}
+
+/// As an ArduCopter that has just booted: it is asked again until it has space.
+#[test]
+fn an_autopilot_without_space_after_boot_is_waited_for() {
+    let waypoints = zigzag();
+    let profile = Profile::ArduCopter;
+    let mut upload = MissionUpload::new(plan(profile, &waypoints), VEHICLE, OWN, false).unwrap();
+    let mut transfer = Transfer::new(profile, &Faults::default(), 0);
+    transfer.now = Instant::from_micros(1_000_000);
+    let mut waited = false;
+    let outcome = transfer.run(&mut upload, |_, upload| waited |= upload.waits_for_space());
+    assert_eq!(outcome, Ok(()));
+    assert!(waited && !upload.waits_for_space());
+    assert!(transfer.now > Instant::from_micros(15_000_000));
+}
+
+/// PX4 rejects the start of a mission that it has just stored, half a second later it does not.
+#[test]
+fn a_mission_that_is_not_taken_yet_is_started_again() {
+    let waypoints = zigzag();
+    let plan = plan(Profile::Px4, &waypoints);
+    let mut upload = MissionUpload::new(plan, VEHICLE, OWN, true).unwrap();
+    let mut transfer = Transfer::new(Profile::Px4, &Faults::default(), 0);
+    let begin = transfer.now;
+    let outcome = transfer.run(&mut upload, |_, _| {});
+    assert_eq!(outcome, Ok(()));
+    assert!(transfer.now - begin > Duration::from_millis(500));
+    assert_eq!(transfer.vehicle.mode(), FlightMode::Auto);
 }
 
 #[test]
@@ -163,8 +279,8 @@ fn a_cut_in_the_middle_never_leaves_half_a_mission() {
             // Each frame takes 30 ms: after half a second some eight items are there.
             delay: Duration::from_millis(30),
             cut: Some((
-                Instant::from_micros(1_500_000),
-                Instant::from_micros(12_000_000),
+                BEGIN + Duration::from_millis(500),
+                BEGIN + Duration::from_secs(11),
             )),
             ..Faults::default()
         };

@@ -240,7 +240,7 @@ fn parameters_are_put_back_after_ctrl_c() {
         }
     }
     let (mut changed, mut flown) = (0, 0);
-    for events in 1..=18 {
+    for events in 1..=17 {
         let failed = fly_with_parameters_set(Profile::ArduCopter, &mut StopsAfter(events));
         let record = failed.err().and_then(|failed| failed.record);
         let record = record.expect("it was stopped");

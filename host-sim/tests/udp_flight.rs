@@ -96,7 +96,7 @@ fn over_udp_the_ideal_vehicle_is_at_every_waypoint_at_the_slots_end() {
         begin: std::time::Instant::now(),
         heard: std::time::Instant::now(),
         silence: Duration::ZERO,
-        port: Port::new(link.open().unwrap(), settings.own),
+        port: Port::new(link.open().unwrap(), settings.own.resolve(None)),
         client: Autopilot::new(settings).unwrap(),
     };
     flight.client.launch(flight.now());

@@ -14,7 +14,7 @@ use firmware_core::time::Duration;
 use flight::{free_port, zigzag};
 use host_sim::doctor::{Diagnosis, examine};
 use host_sim::link::{LinkAddress, Port, Session, tlog};
-use host_sim::upload::{FailedUpload, Upload};
+use host_sim::upload::{FailedUpload, Progress, Upload};
 use host_sim::vehicle::{Profile, Vehicle, VehicleSettings, serve};
 
 const SPEED: f64 = 20.0;
@@ -51,7 +51,7 @@ impl Process {
     fn visit(&self, profile: Profile, key: Option<u8>) -> (Session, Autopilot<f64>) {
         let settings = flight::settings(profile);
         let link: LinkAddress = format!("udpout:127.0.0.1:{}", self.port).parse().unwrap();
-        let mut port = Port::new(link.open().unwrap(), settings.own);
+        let mut port = Port::new(link.open().unwrap(), settings.own.resolve(None));
         if let Some(key) = key {
             port.sign_with(SigningKey::new([key; 32]), 1);
         }
@@ -94,8 +94,52 @@ fn the_doctor_says_what_stops_and_what_slows_a_mission() {
     assert!(text.contains("connected: ArduCopter, system 1"), "{text}");
     let slows = "slows a mission: WPNAV_SPEED is 1000: it clips speed; set it to 3500";
     assert!(text.contains(slows), "{text}");
-    assert!(text.contains("to know: FS_GCS_ENABLE is 0"), "{text}");
+    assert!(
+        text.contains("to know: FS_GCS_ENABLE is 0: it hovers on"),
+        "{text}"
+    );
     assert!(text.ends_with("a mission would fly"), "{text}");
+}
+
+/// Parameters stay set for a mission that is flown later, and what they were is said.
+#[test]
+fn an_upload_sets_parameters_and_says_what_they_were() {
+    let mut settings = flight::vehicle(Profile::ArduCopter);
+    settings.ready_after = Duration::from_secs(2);
+    let process = Process::start(settings);
+    let (session, client) = process.visit(Profile::ArduCopter, None);
+    let settings = firmware_core::autopilot::Settings {
+        set_parameters: true,
+        ..*client.settings()
+    };
+    let (mut session, mut client) = (session, Autopilot::new(settings).unwrap());
+    let waypoints = zigzag();
+    let upload = Upload {
+        waypoints: &waypoints,
+        speed_mps: 30.0,
+        ending: Ending::Land,
+        start: false,
+        patience: Duration::from_secs(60),
+    };
+    let mut notes = vec![];
+    let go_on = AtomicBool::new(false);
+    upload
+        .run(&mut session, &mut client, &go_on, |progress| {
+            notes.extend(match progress {
+                Progress::Note(words) => Some(words),
+                Progress::Items { .. } => None,
+            });
+        })
+        .unwrap();
+    let notes = notes.join("\n");
+    assert!(
+        notes.contains("half of the legs are shorter than 30 m"),
+        "{notes}"
+    );
+    let old = "they were: WPNAV_SPEED 1000, WPNAV_ACCEL 250, ANGLE_MAX 3000";
+    assert!(notes.contains(old), "{notes}");
+    let diagnosis = diagnose(&process, Profile::ArduCopter, None, 60);
+    assert!(diagnosis.slows.is_empty(), "{diagnosis}");
 }
 
 #[test]
@@ -135,7 +179,11 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         let mut settings = flight::vehicle(profile);
         settings.ready_after = Duration::from_secs(2);
         let process = Process::start(settings);
-        let (mut session, mut client) = process.visit(profile, None);
+        let (mut session, client) = process.visit(profile, None);
+        // A mission with slots would be refused: an uploaded one takes the time that it takes.
+        let mut settings = *client.settings();
+        settings.preflight.needed_speed_mps = Some(20.0);
+        let mut client = Autopilot::new(settings).unwrap();
         let waypoints = zigzag();
         let upload = Upload {
             waypoints: &waypoints,
@@ -147,7 +195,11 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         let go_on = AtomicBool::new(false);
         let mut last = 0;
         let items = upload
-            .run(&mut session, &mut client, &go_on, |done, _| last = done)
+            .run(&mut session, &mut client, &go_on, |progress| {
+                if let Progress::Items { done, .. } = progress {
+                    last = done;
+                }
+            })
             .unwrap();
         assert_eq!(
             usize::from(items),
@@ -164,7 +216,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         let stop = AtomicBool::new(true);
         let (mut session, mut client) = process.visit(profile, None);
         let failed = upload
-            .run(&mut session, &mut client, &stop, |_, _| {})
+            .run(&mut session, &mut client, &stop, |_| {})
             .unwrap_err();
         assert!(
             matches!(

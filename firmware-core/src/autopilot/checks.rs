@@ -31,6 +31,10 @@ enum Bears {
     Acceleration(f32),
     /// Largest lean; the parameter's unit times this is one degree.
     Lean(f32),
+    /// Largest lean of the position controller alone, degrees; 0 for none of its own.
+    OwnLean,
+    /// Nothing by itself: the value is kept for the checks before take-off and for people.
+    Kept,
     /// Something to know when the value is (or is not) the given one.
     Note {
         when: fn(f32) -> bool,
@@ -55,7 +59,7 @@ const fn rule(name: &'static str, bears: Bears) -> Rule {
     }
 }
 
-static ARDUCOPTER: [Rule; 9] = [
+static ARDUCOPTER: [Rule; 16] = [
     rule("WPNAV_SPEED", Bears::Speed(100.0)),
     Rule {
         name: "WP_SPD",
@@ -74,13 +78,15 @@ static ARDUCOPTER: [Rule; 9] = [
         instead_of: Some("ANGLE_MAX"),
         bears: Bears::Lean(1.0),
     },
-    rule(
-        "FS_GCS_ENABLE",
-        Bears::Note {
-            when: |value| value == 0.0,
-            words: "FS_GCS_ENABLE is 0: if we fall silent the vehicle holds and stays; 1 returns it",
-        },
-    ),
+    rule("PSC_ANGLE_MAX", Bears::OwnLean),
+    rule("FS_GCS_ENABLE", Bears::Kept),
+    rule("FS_GCS_TIMEOUT", Bears::Kept),
+    rule("SYSID_MYGCS", Bears::Kept),
+    Rule {
+        name: "MAV_GCS_SYSID",
+        instead_of: Some("SYSID_MYGCS"),
+        bears: Bears::Kept,
+    },
     rule(
         "GUID_TIMEOUT",
         Bears::Note {
@@ -95,9 +101,13 @@ static ARDUCOPTER: [Rule; 9] = [
             words: "FENCE_ENABLE is not 0: the autopilot's own fence can end the mission",
         },
     ),
+    rule("FENCE_TYPE", Bears::Kept),
+    rule("FENCE_RADIUS", Bears::Kept),
+    rule("FENCE_ALT_MAX", Bears::Kept),
 ];
 
-static PX4: [Rule; 7] = [
+// MPC_ACC_HOR and the jerk limits shape missions and flight by hand; OFFBOARD passes them by.
+static PX4: [Rule; 11] = [
     rule("MPC_XY_VEL_MAX", Bears::Speed(1.0)),
     rule("MPC_XY_CRUISE", Bears::Speed(1.0)),
     rule("MPC_ACC_HOR_MAX", Bears::Acceleration(1.0)),
@@ -109,20 +119,12 @@ static PX4: [Rule; 7] = [
             words: "COM_OF_LOSS_T is below 0.5 s: a few lost setpoints end OFFBOARD",
         },
     ),
-    rule(
-        "COM_OBL_RC_ACT",
-        Bears::Note {
-            when: |value| value == 0.0,
-            words: "COM_OBL_RC_ACT is 0: if setpoints stop it goes to POSCTL; 4 lands it",
-        },
-    ),
-    rule(
-        "NAV_DLL_ACT",
-        Bears::Note {
-            when: |value| value == 0.0,
-            words: "NAV_DLL_ACT is 0: nothing happens when the ground link is lost",
-        },
-    ),
+    rule("COM_OBL_RC_ACT", Bears::Kept),
+    rule("NAV_DLL_ACT", Bears::Kept),
+    rule("COM_DL_LOSS_T", Bears::Kept),
+    rule("GF_ACTION", Bears::Kept),
+    rule("GF_MAX_HOR_DIST", Bears::Kept),
+    rule("GF_MAX_VER_DIST", Bears::Kept),
 ];
 
 fn rules(firmware: Firmware) -> &'static [Rule] {
@@ -232,7 +234,8 @@ impl Bears {
     /// What the mission needs, in the parameter's unit, and what less would clip.
     fn needed(self, needs: &Needs) -> Option<(f32, &'static str)> {
         Some(match self {
-            Self::Note { .. } => return None,
+            Self::Note { .. } | Self::Kept => return None,
+            Self::OwnLean => (needs.lean_deg(), "lean, and so speed"),
             Self::Speed(unit) => (needs.speed_mps() * unit, "speed"),
             Self::Acceleration(unit) => (needs.acceleration_mps2() * unit, "acceleration"),
             Self::Lean(unit) => (needs.lean_deg() * unit, "lean, and so speed"),
@@ -242,6 +245,9 @@ impl Bears {
     fn judge(self, name: &'static str, value: f32, needs: &Needs) -> Option<Finding> {
         if let Self::Note { when, words } = self {
             return when(value).then_some(Finding::Note(words));
+        }
+        if matches!(self, Self::OwnLean) && value <= 0.0 {
+            return None;
         }
         let (needed, what) = self.needed(needs)?;
         (value < needed).then_some(Finding::Clips {
@@ -260,7 +266,7 @@ impl Bears {
             Self::Acceleration(unit) => {
                 limits.acceleration_mps2 = limits.acceleration_mps2.min(within(unit));
             }
-            Self::Lean(_) | Self::Note { .. } => {}
+            Self::Lean(_) | Self::OwnLean | Self::Note { .. } | Self::Kept => {}
         }
     }
 }
@@ -288,7 +294,8 @@ pub fn advice(firmware: Firmware, speed_mps: f32) -> impl Iterator<Item = Advice
         needed: rule.bears.needed(&Needs { speed_mps }),
         unit: match rule.bears {
             Bears::Speed(unit) | Bears::Acceleration(unit) | Bears::Lean(unit) => Some(unit),
-            Bears::Note { .. } => None,
+            Bears::OwnLean => Some(1.0),
+            Bears::Note { .. } | Bears::Kept => None,
         },
         words: match rule.bears {
             Bears::Note { words, .. } => Some(words),
@@ -338,6 +345,9 @@ impl ChangedParameter {
 /// The most parameters that can clip a mission; no autopilot here has more rules.
 const CHANGES: usize = 8;
 
+/// The most parameters that are read; no autopilot here has more rules.
+const VALUES: usize = 16;
+
 /// Reads one parameter after the other, sets those that clip if it may, and puts them back.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Reader {
@@ -348,6 +358,10 @@ pub(super) struct Reader {
     found: Option<&'static str>,
     /// Of the rule that is next: what it was and what it is being set to.
     setting: Option<(f32, f32)>,
+    /// What was read, in each parameter's own unit.
+    values: Vec<(&'static str, f32), VALUES>,
+    /// The parameter that leaves the lowest speed below the mission's, and what it should be.
+    slowest: Option<(&'static str, f32)>,
     /// What is not as it was found, oldest first; the last is put back first.
     changed: Vec<ChangedParameter, CHANGES>,
     /// What is changed was changed by an earlier run, and is put back before anything is read.
@@ -391,6 +405,44 @@ impl Reader {
         change
     }
 
+    /// A parameter that was read.
+    pub(super) fn value(&self, name: &str) -> Option<f32> {
+        self.values()
+            .find(|(known, _)| *known == name)
+            .map(|(_, value)| value)
+    }
+
+    /// All that was read.
+    pub(super) fn values(&self) -> impl Iterator<Item = (&'static str, f32)> + '_ {
+        self.values.iter().copied()
+    }
+
+    /// The parameter that leaves the lowest speed below what the mission needs, and what it
+    /// should be.
+    pub(super) fn slowest(&self) -> Option<(&'static str, f32)> {
+        self.slowest
+    }
+
+    /// Obeys and remembers what a parameter finally is.
+    fn settle<T: Scalar>(
+        &mut self,
+        rule: &Rule,
+        value: f32,
+        needs: &Needs,
+        limits: &mut Limits<T>,
+    ) {
+        // There are no more rules than places (a test holds it).
+        let _ = self.values.push((rule.name, value));
+        let before = limits.speed_mps;
+        rule.bears.clip(value, limits);
+        if limits.speed_mps < before
+            && let Some((needed, _)) = rule.bears.needed(needs)
+            && value < needed
+        {
+            self.slowest = Some((rule.name, needed));
+        }
+    }
+
     /// Nothing is changed that would have to be put back.
     pub(super) fn is_restored(&self) -> bool {
         self.changed.is_empty()
@@ -429,7 +481,7 @@ impl Reader {
                 match self.setting {
                     // It stays as it was, and is obeyed.
                     Some((was, _)) => {
-                        rule.bears.clip(was, limits);
+                        self.settle(rule, was, needs, limits);
                         rule.bears
                             .judge(rule.name, was, needs)
                             .into_iter()
@@ -481,7 +533,7 @@ impl Reader {
             let done = (value - wanted).abs() <= wanted.abs() * 1e-3;
             return done.then(|| {
                 self.conclude();
-                rule.bears.clip(value, limits);
+                self.settle(rule, value, needs, limits);
                 Finding::Set {
                     name: rule.name,
                     from,
@@ -506,7 +558,7 @@ impl Reader {
             return None;
         }
         self.conclude();
-        rule.bears.clip(value, limits);
+        self.settle(rule, value, needs, limits);
         finding
     }
 
@@ -614,6 +666,27 @@ mod tests {
         assert_eq!(limits.speed_mps, 9.5);
     }
 
+    #[test]
+    fn every_value_and_every_change_can_be_kept() {
+        for firmware in [Firmware::ArduCopter, Firmware::Px4] {
+            let rules = rules(firmware);
+            let clipping = rules.iter().filter(|rule| {
+                let needs = NEEDS;
+                rule.bears.needed(&needs).is_some()
+            });
+            assert!(rules.len() <= VALUES && clipping.count() <= CHANGES);
+        }
+    }
+
+    /// The parameter to change is the one that leaves the lowest speed.
+    #[test]
+    fn the_slowest_parameter_is_named() {
+        let mut reader = Reader::default();
+        let mut values = std::vec![("WPNAV_SPEED", 1000.0), ("ANGLE_MAX", 3000.0)];
+        play(&mut reader, &mut values, false, false, |_| false);
+        assert_eq!(reader.slowest(), Some(("WPNAV_SPEED", 3500.0)));
+    }
+
     /// What is asked for is enough: a vehicle set so is not clipped below the mission's speed.
     #[test]
     fn what_is_needed_does_not_clip() {
@@ -686,9 +759,15 @@ mod tests {
             ("WPNAV_SPEED", 1000.0),
             ("WPNAV_ACCEL", 250.0),
             ("ANGLE_MAX", 3000.0),
+            ("PSC_ANGLE_MAX", 0.0),
             ("FS_GCS_ENABLE", 1.0),
+            ("FS_GCS_TIMEOUT", 5.0),
+            ("SYSID_MYGCS", 255.0),
             ("GUID_TIMEOUT", 3.0),
             ("FENCE_ENABLE", 0.0),
+            ("FENCE_TYPE", 7.0),
+            ("FENCE_RADIUS", 300.0),
+            ("FENCE_ALT_MAX", 100.0),
         ];
         let (mut values, mut reader) = (found.clone(), Reader::default());
         let (limits, said) = play(&mut reader, &mut values, true, false, |n| n / 6 % 2 == 0);
@@ -702,6 +781,7 @@ mod tests {
             ]
         );
         assert!(limits.speed_mps > 30.0);
+        assert_eq!(reader.value("FENCE_RADIUS"), Some(300.0));
         assert_eq!(values[..3].iter().map(|v| v.1).sum::<f32>(), 9000.0);
         let (_, said) = play(&mut reader, &mut values, true, true, |n| n / 6 % 2 == 0);
         assert_eq!(values, found);
@@ -738,8 +818,10 @@ mod tests {
                 let request = reader.request(now, to, &NEEDS, &mut limits, |_| {});
                 if let Some(MavMessage::PARAM_REQUEST_READ(request)) = request {
                     let name = request.param_id.to_str().unwrap().to_string();
-                    let newer = name.starts_with("WP_") || name == "ATC_ANGLE_MAX";
-                    let older = name.starts_with("WPNAV_") || name == "ANGLE_MAX";
+                    let newer = name.starts_with("WP_")
+                        || ["ATC_ANGLE_MAX", "MAV_GCS_SYSID"].contains(&name.as_str());
+                    let older = name.starts_with("WPNAV_")
+                        || ["ANGLE_MAX", "SYSID_MYGCS"].contains(&name.as_str());
                     let exists = !(newer && old_exists || older && !old_exists);
                     let answer = PARAM_VALUE_DATA {
                         param_id: request.param_id,
@@ -753,7 +835,7 @@ mod tests {
                 }
                 now += Duration::from_millis(100);
             }
-            for newer in ["WP_SPD", "WP_ACC", "ATC_ANGLE_MAX"] {
+            for newer in ["WP_SPD", "WP_ACC", "ATC_ANGLE_MAX", "MAV_GCS_SYSID"] {
                 let asks = asked.iter().any(|name| name == newer);
                 assert_eq!(asks, !old_exists, "{newer}: {asked:?}");
             }

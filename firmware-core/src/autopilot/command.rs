@@ -4,6 +4,8 @@
 //! acknowledgement means for the flight is judged elsewhere by the autopilot's *state* (mode,
 //! armed, altitude), since an autopilot may accept what it then does not do.
 
+use core::fmt;
+
 use mavlink::dialects::common::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavResult};
 
 use super::profile::{Firmware, Mode};
@@ -96,6 +98,36 @@ impl Request {
             Self::Disarm | Self::Land | Self::Return | Self::StartMission => {}
         }
         p
+    }
+}
+
+/// The names of the messages that the client asks for.
+fn message_name(id: u32) -> Option<&'static str> {
+    Some(match id {
+        0 => "HEARTBEAT",
+        1 => "SYS_STATUS",
+        32 => "LOCAL_POSITION_NED",
+        49 => "GPS_GLOBAL_ORIGIN",
+        193 => "EKF_STATUS_REPORT",
+        230 => "ESTIMATOR_STATUS",
+        245 => "EXTENDED_SYS_STATE",
+        _ => return None,
+    })
+}
+
+/// The command's name and, where it is about a message, the message's name.
+impl fmt::Display for Request {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())?;
+        match *self {
+            Self::MessageInterval { message, .. } | Self::Message { message } => {
+                match message_name(message) {
+                    Some(name) => write!(f, " for {name}"),
+                    None => write!(f, " for message {message}"),
+                }
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -234,6 +266,12 @@ impl Pending {
                 }
                 None
             }
+            // PX4's answer for a message whose interval it does not let anybody set.
+            MavResult::MAV_RESULT_FAILED
+                if matches!(self.request, Request::MessageInterval { .. }) =>
+            {
+                Some(Outcome::Refused(MavResult::MAV_RESULT_FAILED))
+            }
             // "Not now": checks that do not pass yet, a position that is not there yet.
             refusal @ (MavResult::MAV_RESULT_TEMPORARILY_REJECTED
             | MavResult::MAV_RESULT_FAILED) => {
@@ -321,6 +359,26 @@ mod tests {
         assert_eq!(
             pending.answer(at(1100), &denied, &PATIENCE),
             Some(Outcome::Refused(MavResult::MAV_RESULT_DENIED))
+        );
+    }
+
+    /// PX4 answers so when it is asked for its heartbeat more often: asking again changes nothing.
+    #[test]
+    fn a_message_interval_that_failed_is_refused_for_good() {
+        let request = Request::MessageInterval {
+            message: 0,
+            interval: Duration::from_millis(200),
+        };
+        let mut pending = Pending::new(at(0), request);
+        pending.sent(at(0), &PATIENCE);
+        let failed = MavResult::MAV_RESULT_FAILED;
+        let answer = ack(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, failed);
+        let outcome = Outcome::Refused(failed);
+        assert_eq!(pending.answer(at(1), &answer, &PATIENCE), Some(outcome));
+        let event = crate::autopilot::Event::Failed { request, outcome };
+        assert_eq!(
+            std::string::ToString::to_string(&event),
+            "SET_MESSAGE_INTERVAL for HEARTBEAT refused: failed"
         );
     }
 

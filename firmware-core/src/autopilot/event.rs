@@ -11,6 +11,7 @@ use mavlink::dialects::common::MavResult;
 use super::checks::Finding;
 use super::command::{Outcome, Request, result_name};
 use super::failsafe::{Cause, Reaction};
+use super::preflight::PreflightRefusal;
 use super::profile::{Firmware, Mode};
 use super::{Obstacle, Phase};
 
@@ -28,6 +29,8 @@ pub enum Event {
     Phase(Phase),
     /// What the checks wait for.
     Waiting(Obstacle),
+    /// The start is refused: what does not fit cannot be cured by waiting.
+    Refused(PreflightRefusal),
     /// What the checks found.
     Finding(Finding),
     /// The autopilot says something itself.
@@ -81,6 +84,7 @@ impl fmt::Display for Event {
             }
             Self::Phase(phase) => write!(f, "{phase}"),
             Self::Waiting(obstacle) => write!(f, "waiting: {obstacle}"),
+            Self::Refused(refusal) => write!(f, "not started: {refusal}"),
             Self::Finding(finding) => write!(f, "{finding}"),
             Self::Text { text, .. } => write!(f, "autopilot: {text}"),
             Self::Mode { firmware, mode } => {
@@ -94,13 +98,13 @@ impl fmt::Display for Event {
                 answer,
             } => {
                 let why = answer.map_or("no answer", result_name);
-                write!(f, "{}: {why}, attempt {}", request.name(), attempts + 1)
+                write!(f, "{request}: {why}, attempt {}", attempts + 1)
             }
             Self::Failed { request, outcome } => match outcome {
                 Outcome::Refused(result) => {
-                    write!(f, "{} refused: {}", request.name(), result_name(*result))
+                    write!(f, "{request} refused: {}", result_name(*result))
                 }
-                _ => write!(f, "{}: no answer, given up", request.name()),
+                _ => write!(f, "{request}: no answer, given up"),
             },
             Self::SampleLate => f.write_str("no position sample after the slot's end"),
             Self::Failsafe { cause, reaction } => write!(f, "FAILSAFE {cause}: {reaction}"),

@@ -121,7 +121,7 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     fn take_ack(&mut self, now: Instant, ack: &COMMAND_ACK_DATA) {
-        let own = self.settings.own;
+        let own = self.own();
         let ours = [0, own.system].contains(&ack.target_system)
             && [0, own.component].contains(&ack.target_component);
         if !ours {
@@ -149,8 +149,10 @@ impl<T: Scalar> Autopilot<T> {
         } else {
             let needs = self.needs();
             let may_set = self.settings.set_parameters;
-            self.reader
-                .take(firmware, value, &needs, &mut self.limits, may_set)
+            let limits = &mut self.parameter_limits;
+            let found = self.reader.take(firmware, value, &needs, limits, may_set);
+            self.update_limits();
+            found
         };
         if let Some(finding) = found {
             self.events.push(Event::Finding(finding));

@@ -21,7 +21,7 @@ use mavlink::dialects::common::{
 use thiserror::Error;
 
 use super::command::{Outcome, Patience, Pending, Request, Turn};
-use super::frames::MapFrame;
+use super::frames::{Geodetic, MapFrame};
 use super::profile::Firmware;
 use super::wire::Address;
 use crate::scalar::{Position, Scalar};
@@ -118,6 +118,10 @@ impl<T: Scalar> MissionPlan<'_, T> {
     }
 
     /// Item `sequence`, addressed to `to`; `None` past the end.
+    ///
+    /// Places are sent in the frame GLOBAL_RELATIVE_ALT; commands without a place in the frame
+    /// MISSION, with zero coordinates: PX4 refuses them in any other frame
+    /// (MAV_MISSION_UNSUPPORTED).
     pub fn item(&self, sequence: u16, to: Address) -> Option<MISSION_ITEM_INT_DATA> {
         use MavCmd as C;
         let lead = self.lead();
@@ -142,10 +146,18 @@ impl<T: Scalar> MissionPlan<'_, T> {
         } else {
             return None;
         };
-        let place = self.map.to_geodetic(self.waypoints[index]);
+        let has_place = !matches!(
+            command,
+            C::MAV_CMD_DO_CHANGE_SPEED | C::MAV_CMD_NAV_RETURN_TO_LAUNCH
+        );
+        let place = if has_place {
+            self.map.to_geodetic(self.waypoints[index])
+        } else {
+            Geodetic::default()
+        };
         let z = match command {
-            C::MAV_CMD_NAV_LAND | C::MAV_CMD_NAV_RETURN_TO_LAUNCH => 0.0,
-            _ if self.is_home(sequence) => 0.0,
+            C::MAV_CMD_NAV_LAND => 0.0,
+            _ if self.is_home(sequence) || !has_place => 0.0,
             _ => self.altitude_m.to_f64() as f32,
         };
         let [param1, param2, param3, param4] = parameters;
@@ -161,7 +173,11 @@ impl<T: Scalar> MissionPlan<'_, T> {
             command,
             target_system: to.system,
             target_component: to.component,
-            frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            frame: if has_place {
+                MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT
+            } else {
+                MavFrame::MAV_FRAME_MISSION
+            },
             current: 0,
             autocontinue: 1,
             mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
@@ -247,6 +263,11 @@ const ANSWER_TIME: Duration = Duration::from_millis(1_000);
 const ATTEMPTS: u8 = 8;
 /// The last item is sent this often before its effect is read back.
 const LAST_ATTEMPTS: u8 = 4;
+/// An autopilot that has no space for a mission is asked again for this long: ArduCopter answers
+/// so for some 15 s after it has booted.
+pub const SPACE_PATIENCE: Duration = Duration::from_secs(30);
+/// Time between two offers while it has no space.
+const OFFER_AGAIN: Duration = Duration::from_secs(1);
 
 /// A transfer under way; sans-IO like [`super::Autopilot`].
 #[derive(Clone, Debug)]
@@ -264,6 +285,8 @@ pub struct MissionUpload<'a, T: Scalar> {
     farewell: bool,
     pending: Option<Pending>,
     patience: Patience,
+    /// When the autopilot first answered that it has no space for a mission.
+    no_space_since: Option<Instant>,
 }
 
 impl<'a, T: Scalar> MissionUpload<'a, T> {
@@ -288,7 +311,14 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
             farewell: false,
             pending: None,
             patience: Patience::default(),
+            no_space_since: None,
         })
+    }
+
+    /// Whether the autopilot has answered that it has no space for a mission and is asked again,
+    /// for [`SPACE_PATIENCE`] at most.
+    pub fn waits_for_space(&self) -> bool {
+        self.stage == Stage::Offer && self.no_space_since.is_some()
     }
 
     /// How it ended, once it has.
@@ -493,6 +523,15 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
     fn take_ack(&mut self, now: Instant, result: MavMissionResult, stage: Stage) {
         let accepted = result == MavMissionResult::MAV_MISSION_ACCEPTED;
         match stage {
+            Stage::Offer if result == MavMissionResult::MAV_MISSION_NO_SPACE => {
+                let since = *self.no_space_since.get_or_insert(now);
+                if now - since < SPACE_PATIENCE {
+                    self.attempts = 0;
+                    self.due = now + OFFER_AGAIN;
+                } else {
+                    self.fail(now, UploadError::Refused(result));
+                }
+            }
             // An early "accepted" would be half a mission.
             Stage::Serve(sequence) if accepted && sequence + 1 == self.plan.count() => {
                 self.enter(now, Stage::ReadCount);

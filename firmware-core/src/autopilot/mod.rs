@@ -31,7 +31,8 @@
 //! [`wire`] bytes and messages · [`frames`] map and north-east-down · [`profile`] differences
 //! between autopilots · [`guidance`] trajectories · `command` acknowledged commands ·
 //! `telemetry` what the vehicle last said · `sequence` the phases · [`failsafe`] what can go
-//! wrong · `checks` what is looked at before a flight · [`mission`] upload of a whole mission.
+//! wrong · `checks` what is looked at before a flight · [`mission`] upload of a whole mission ·
+//! [`preflight`] what refuses a start.
 
 mod checks;
 pub mod clock;
@@ -42,6 +43,7 @@ pub mod frames;
 pub mod guidance;
 mod intake;
 pub mod mission;
+pub mod preflight;
 pub mod profile;
 mod sequence;
 mod settings;
@@ -57,7 +59,7 @@ use thiserror::Error;
 pub use checks::{Advice, ChangedParameter, Finding, advice};
 pub use command::{Outcome, Patience, Request};
 pub use event::Event;
-pub use settings::{Coordinates, Geofence, Settings, SettingsError};
+pub use settings::{Coordinates, Geofence, OwnAddress, Settings, SettingsError};
 pub use telemetry::Sample;
 
 use crate::scalar::{Position, Scalar};
@@ -68,6 +70,7 @@ use event::Events;
 use failsafe::Cause;
 use frames::MapFrame;
 use guidance::{Guide, Limits, Motion};
+use preflight::PreflightRefusal;
 use profile::{Firmware, Mode};
 use telemetry::Telemetry;
 use wire::Address;
@@ -262,12 +265,16 @@ pub struct Autopilot<T: Scalar> {
     pending: Option<Pending>,
     /// Next step within [`Phase::Checking`]: telemetry that is still to be asked for.
     subscribed: u8,
+    /// Telemetry that the autopilot refused for good: one bit for each step.
+    refused_telemetry: u8,
     /// When the last of it was asked for.
     subscribed_at: Instant,
     obstacle: Option<Obstacle>,
     reader: Reader,
-    /// What the vehicle can do, as its parameters clip it.
+    /// What the vehicle can do: the settings' limits within the parameters'.
     limits: Limits<T>,
+    /// What the vehicle's parameters leave.
+    parameter_limits: Limits<T>,
     /// When the origin of the local frame is asked for next.
     origin_due: Instant,
     launch: bool,
@@ -287,6 +294,10 @@ pub struct Autopilot<T: Scalar> {
     ignored_legs: u8,
     ground_heard: Option<Instant>,
     fault: Option<Cause>,
+    /// Why the start was refused.
+    refusal: Option<PreflightRefusal>,
+    /// How far outside the geofence the vehicle stood before take-off, m.
+    stood_outside_m: T,
     silent: bool,
     /// Parameters are put back whatever the motors do.
     restore_now: bool,
@@ -300,6 +311,7 @@ impl<T: Scalar> Autopilot<T> {
         Ok(Self {
             map: MapFrame::new(settings.map_origin),
             limits: settings.limits,
+            parameter_limits: Limits::ideal(),
             settings,
             phase: Phase::Connecting,
             phase_since: Instant::ZERO,
@@ -308,6 +320,7 @@ impl<T: Scalar> Autopilot<T> {
             heartbeat_due: Instant::ZERO,
             pending: None,
             subscribed: 0,
+            refused_telemetry: 0,
             subscribed_at: Instant::ZERO,
             obstacle: None,
             reader: Reader::default(),
@@ -323,6 +336,8 @@ impl<T: Scalar> Autopilot<T> {
             ignored_legs: 0,
             ground_heard: None,
             fault: None,
+            refusal: None,
+            stood_outside_m: T::zero(),
             silent: false,
             restore_now: false,
             events: Events::default(),
@@ -344,6 +359,11 @@ impl<T: Scalar> Autopilot<T> {
         self.fault
     }
 
+    /// Why the start was refused, if it was: the phase is then [`Phase::Failed`].
+    pub fn refusal(&self) -> Option<PreflightRefusal> {
+        self.refusal
+    }
+
     /// What the checks wait for.
     pub fn obstacle(&self) -> Option<Obstacle> {
         self.obstacle
@@ -352,6 +372,13 @@ impl<T: Scalar> Autopilot<T> {
     /// The autopilot that is flown: its address and software.
     pub fn vehicle(&self) -> Option<(Address, Firmware)> {
         self.vehicle
+    }
+
+    /// The address that our frames carry: under the system id of the autopilot that is flown, or 1
+    /// while none has been heard, unless the settings name another.
+    pub fn own(&self) -> Address {
+        let vehicle = self.vehicle.map(|(address, _)| address.system);
+        self.settings.own.resolve(vehicle)
     }
 
     /// The latest measured position.
@@ -372,6 +399,52 @@ impl<T: Scalar> Autopilot<T> {
     /// What the vehicle can do: the settings' limits, as its parameters clip them.
     pub fn limits(&self) -> &Limits<T> {
         &self.limits
+    }
+
+    /// Replaces the settings' limits, for a host that learns from the heartbeat which vehicle
+    /// answers. What the vehicle's parameters leave is obeyed as before. Has no effect once the
+    /// vehicle has been taken control of.
+    ///
+    /// # Errors
+    /// A limit is not above zero.
+    pub fn set_limits(&mut self, limits: Limits<T>) -> Result<(), SettingsError> {
+        if !limits.is_valid() {
+            return Err(SettingsError::Limits);
+        }
+        if matches!(
+            self.phase,
+            Phase::Connecting | Phase::Checking | Phase::Standby
+        ) {
+            self.settings.limits = limits;
+            self.update_limits();
+        }
+        Ok(())
+    }
+
+    /// The vehicle's limits, after the settings' or the parameters' have changed.
+    fn update_limits(&mut self) {
+        let (settings, parameters) = (&self.settings.limits, &self.parameter_limits);
+        self.limits = Limits {
+            speed_mps: settings.speed_mps.min(parameters.speed_mps),
+            acceleration_mps2: settings.acceleration_mps2.min(parameters.acceleration_mps2),
+            jerk_mps3: settings.jerk_mps3.min(parameters.jerk_mps3),
+        };
+    }
+
+    /// A parameter that the checks have read, in its own unit.
+    pub fn parameter(&self, name: &str) -> Option<f32> {
+        self.reader.value(name)
+    }
+
+    /// Every parameter that the checks have read, in its own unit.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, f32)> + '_ {
+        self.reader.values()
+    }
+
+    /// Whether every parameter was read (and set, where that was asked for) or given up.
+    pub fn parameters_are_read(&self) -> bool {
+        self.vehicle
+            .is_some_and(|(_, firmware)| self.reader.is_done(firmware))
     }
 
     /// The battery, percent, where the autopilot estimates it.

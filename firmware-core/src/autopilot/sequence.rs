@@ -7,6 +7,8 @@
 //!      from any phase in control: Released              └─ Landed or Failed
 //! ```
 
+use mavlink::dialects::common::MavResult;
+
 use super::command::{Outcome, Pending, Request};
 use super::event::Event;
 use super::failsafe::{Cause, Reaction};
@@ -182,6 +184,9 @@ impl<T: Scalar> Autopilot<T> {
     fn check(&mut self, now: Instant, firmware: Firmware) {
         let obstacle = self.look_for_obstacle(now);
         if self.pending.is_none() {
+            while self.refused_telemetry & (1 << self.subscribed) != 0 {
+                self.subscribed += 1;
+            }
             let next = self.subscription(self.subscribed, firmware);
             if let Some(request) = next {
                 self.pending = Some(Pending::new(now, request));
@@ -206,6 +211,13 @@ impl<T: Scalar> Autopilot<T> {
                 self.events.push(Event::Waiting(obstacle));
             }
         }
+        let refusal = self.refusals(now).first().copied();
+        if let Some(refusal) = refusal.filter(|_| self.launch) {
+            self.refusal = Some(refusal);
+            self.events.push(Event::Refused(refusal));
+            self.enter(now, Phase::Failed);
+            return;
+        }
         match (self.phase, obstacle) {
             (Phase::Checking, None) if self.pending.is_none() && self.reader.is_done(firmware) => {
                 self.enter(now, Phase::Standby);
@@ -219,7 +231,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    fn look_for_obstacle(&self, now: Instant) -> Option<Obstacle> {
+    pub(super) fn look_for_obstacle(&self, now: Instant) -> Option<Obstacle> {
         let telemetry = &self.telemetry;
         if telemetry.armed {
             Some(Obstacle::AlreadyArmed)
@@ -240,6 +252,7 @@ impl<T: Scalar> Autopilot<T> {
     fn note_ground(&mut self) {
         if let Some(sample) = self.telemetry.sample {
             self.ground_m = sample.altitude_m;
+            self.stood_outside_m = self.outside_fence_m();
         }
     }
 
@@ -308,7 +321,15 @@ impl<T: Scalar> Autopilot<T> {
     /// A command was accepted, refused or never answered.
     pub(super) fn command_over(&mut self, now: Instant, request: Request, outcome: Outcome) {
         if !request.moves() {
-            return; // telemetry that is missing shows in the checks
+            // Telemetry that is missing shows in the checks. What was refused for good is not
+            // asked for again.
+            if let Outcome::Refused(answer) = outcome
+                && answer != MavResult::MAV_RESULT_TEMPORARILY_REJECTED
+                && matches!(request, Request::MessageInterval { .. })
+            {
+                self.refused_telemetry |= 1 << self.subscribed.saturating_sub(1);
+            }
+            return;
         }
         match outcome {
             Outcome::Accepted => self.asked = Some((now, true)),
@@ -404,12 +425,17 @@ impl<T: Scalar> Autopilot<T> {
         if !flying {
             return None;
         }
+        // A vehicle that took off outside the fence may come from there.
+        let mut margin_m = watch.fence_margin_m;
+        if self.phase == Phase::Transit {
+            margin_m += self.stood_outside_m;
+        }
         let outside =
             self.settings
                 .geofence
                 .zip(telemetry.sample)
                 .is_some_and(|(fence, sample)| {
-                    !fence.contains(&sample.position, -watch.fence_margin_m)
+                    !fence.contains(&sample.position, -margin_m)
                         || self.height_m(&sample) > fence.ceiling_m + watch.fence_margin_m
                 });
         let in_mission = matches!(self.phase, Phase::Leg | Phase::LegEnded);

@@ -7,6 +7,7 @@ use super::command::Patience;
 use super::failsafe::Watch;
 use super::frames::Geodetic;
 use super::guidance::Limits;
+use super::preflight::Preflight;
 use super::wire::Address;
 use crate::scalar::{Position, Scalar};
 use crate::time::Duration;
@@ -53,12 +54,38 @@ impl<T: Scalar> Geofence<T> {
     }
 }
 
+/// The address that the client's own frames carry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OwnAddress {
+    /// System id, 1 to 255; `None` for that of the vehicle, as MAVLink has it for a computer on
+    /// board.
+    pub system: Option<u8>,
+    /// Component id, 2 to 255: 0 means every component, and 1 is the autopilot.
+    pub component: u8,
+}
+
+impl OwnAddress {
+    /// An onboard computer of the vehicle (MAV_COMP_ID_ONBOARD_COMPUTER).
+    pub const ONBOARD_COMPUTER: Self = Self {
+        system: None,
+        component: 191,
+    };
+
+    /// The address itself, with the system id of the vehicle where it is known. Until it is,
+    /// system 1 stands for it.
+    pub fn resolve(self, vehicle: Option<u8>) -> Address {
+        Address {
+            system: self.system.or(vehicle).unwrap_or(1),
+            component: self.component,
+        }
+    }
+}
+
 /// All that is settled before a flight. [`Settings::new`] has the defaults.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings<T: Scalar> {
-    /// Who we are on the wire. Default 255/191: an onboard computer, under the system id whose
-    /// heartbeats ArduPilot's ground-control failsafe counts.
-    pub own: Address,
+    /// The address that our frames carry. By default the vehicle's onboard computer.
+    pub own: OwnAddress,
     /// The vehicle's system id; `None` takes the first autopilot that is heard.
     pub vehicle: Option<u8>,
     /// Where the map's origin lies on Earth.
@@ -92,6 +119,8 @@ pub struct Settings<T: Scalar> {
     pub coast: Duration,
     /// Answers to commands.
     pub patience: Patience,
+    /// What is compared with the vehicle before take-off.
+    pub preflight: Preflight<T>,
     /// Set parameters that clip the mission, and put them back after it. Off by default: what
     /// clips is said and obeyed.
     pub set_parameters: bool,
@@ -140,6 +169,17 @@ pub enum SettingsError {
         /// The ceiling, m.
         ceiling_m: f64,
     },
+    /// A system or component id that no client can have.
+    #[error(
+        "own address: system {system}, component {component}; ids of a client are 1 to 255, \
+             and component 1 is the autopilot"
+    )]
+    OwnAddress {
+        /// System id; 0 where it is not a valid one.
+        system: u8,
+        /// Component id.
+        component: u8,
+    },
     /// A limit that is not above zero.
     #[error("limits must be above 0 (infinite is allowed)")]
     Limits,
@@ -149,10 +189,7 @@ impl<T: Scalar> Settings<T> {
     /// The defaults for a mission that starts there, at that altitude and with that speed.
     pub fn new(map_origin: Geodetic, start: Position<T>, altitude_m: T, speed_mps: T) -> Self {
         Self {
-            own: Address {
-                system: 255,
-                component: 191,
-            },
+            own: OwnAddress::ONBOARD_COMPUTER,
             vehicle: None,
             map_origin,
             start,
@@ -169,6 +206,7 @@ impl<T: Scalar> Settings<T> {
             sample_patience: Duration::from_millis(250),
             coast: Duration::from_millis(800),
             patience: Patience::default(),
+            preflight: Preflight::default(),
             set_parameters: false,
             watch: Watch::default(),
         }
@@ -189,6 +227,11 @@ impl<T: Scalar> Settings<T> {
                 let value = value.to_f64();
                 return Err(SettingsError::NotPositive { name, value });
             }
+        }
+        let own = self.own.resolve(self.vehicle);
+        if own.system == 0 || own.component <= 1 {
+            let Address { system, component } = own;
+            return Err(SettingsError::OwnAddress { system, component });
         }
         let margin_m = self.watch.fence_margin_m;
         if !(margin_m.finite() && margin_m >= T::zero()) {
@@ -241,6 +284,16 @@ mod tests {
                 ceiling_m: 110.0,
             }),
             ..Settings::new(origin, Position::origin(), 100.0, 30.0)
+        }
+    }
+
+    #[test]
+    fn an_address_that_no_client_can_have_is_refused() {
+        for (system, component) in [(Some(0), 191), (None, 0), (Some(7), 1)] {
+            let own = OwnAddress { system, component };
+            let refused = Settings { own, ..settings() }.check();
+            let named = matches!(refused, Err(SettingsError::OwnAddress { .. }));
+            assert!(named, "{own:?}: {refused:?}");
         }
     }
 

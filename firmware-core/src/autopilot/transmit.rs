@@ -117,8 +117,10 @@ impl<T: Scalar> Autopilot<T> {
         let needs = self.needs();
         let events = &mut self.events;
         let report = |finding| events.push(Event::Finding(finding));
-        self.reader
-            .request(now, vehicle, &needs, &mut self.limits, report)
+        let limits = &mut self.parameter_limits;
+        let request = self.reader.request(now, vehicle, &needs, limits, report);
+        self.update_limits();
+        request
     }
 
     /// After the flight, with motors off, parameters become what they were. While the link is

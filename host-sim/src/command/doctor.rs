@@ -6,20 +6,24 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
-use firmware_core::autopilot::{Autopilot, Event};
+use firmware_core::autopilot::{Autopilot, Event, OwnAddress, Settings};
 use firmware_core::time::Duration;
 use host_sim::{
-    doctor, flight, interrupt,
+    doctor,
+    flight::{self, ProfileChoice},
+    interrupt,
     journal::{self, ParameterJournal},
     link::{
         Link, LinkAddress, Port, Session, key,
         lossy::{Impaired, Impairment},
         tlog::{TlogWriter, wall_clock_us},
     },
+    policy::PolicyChoice,
+    scenario::Scenario,
     vehicle::Profile,
 };
 
-use super::{Failure, load_scenario};
+use super::{Failure, load_policy, load_scenario};
 
 /// How to reach an autopilot.
 #[derive(Debug, Args)]
@@ -31,9 +35,12 @@ pub(crate) struct AutopilotArguments {
     /// How fast its time passes, where it is simulated
     #[arg(long, default_value_t = 1.0, value_parser = parse_speed, value_name = "X")]
     speed: f64,
-    /// Its airframe: sets the limits that are planned with
-    #[arg(long, default_value = "multirotor", value_parser = Profile::from_str)]
-    profile: Profile,
+    /// Its airframe: sets the limits that are planned with; without it the autopilot's heartbeat
+    /// decides
+    #[arg(long, value_parser = Profile::from_str)]
+    profile: Option<Profile>,
+    #[command(flatten)]
+    own: OwnAddressArguments,
     /// The mission: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated", value_name = "FILE")]
     pub(super) scenario: PathBuf,
@@ -49,6 +56,33 @@ pub(crate) struct AutopilotArguments {
     /// How long to wait for it to be ready, seconds of its time
     #[arg(long, default_value_t = 60, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
     patience: u64,
+}
+
+/// Who we are on the wire.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct OwnAddressArguments {
+    /// Our MAVLink system id; without it the vehicle's, as for a computer on board
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
+    system_id: Option<u8>,
+    /// Our MAVLink component id; without it 191, an onboard computer
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..))]
+    component_id: Option<u8>,
+}
+
+impl OwnAddressArguments {
+    /// Whether any of it was given.
+    pub(super) fn is_given(&self) -> bool {
+        self.system_id.or(self.component_id).is_some()
+    }
+
+    /// The address.
+    pub(super) fn address(&self) -> OwnAddress {
+        let usual = OwnAddress::ONBOARD_COMPUTER;
+        OwnAddress {
+            system: self.system_id,
+            component: self.component_id.unwrap_or(usual.component),
+        }
+    }
 }
 
 fn parse_speed(text: &str) -> Result<f64, String> {
@@ -86,17 +120,23 @@ impl AutopilotArguments {
     /// A session on the link, and a client for the mission. `command` names the log.
     pub(super) fn connect(
         &self,
-        scenario: &host_sim::scenario::Scenario,
+        scenario: &Scenario,
         command: &str,
+        set_parameters: bool,
     ) -> Result<(Session, Autopilot<f64>), Failure> {
-        let settings = flight::autopilot_settings(scenario, self.profile);
+        // Until the heartbeat says which vehicle it is, the slowest airframe's limits hold.
+        let settings = Settings {
+            own: self.own.address(),
+            set_parameters,
+            ..flight::autopilot_settings(scenario, self.profile.unwrap_or(Profile::Multirotor))
+        };
         let client = Autopilot::new(settings).map_err(Failure::bad_input)?;
         let key = self.signing_key.as_deref().map(key::read).transpose();
         let key = key.map_err(Failure::bad_input)?;
         let failed = |error| Failure::failed(format!("--link {}: {error}", self.link));
         let mut port = Port::new(
             impaired(self.link.open().map_err(failed)?, self.impair.as_ref()),
-            settings.own,
+            client.own(),
         );
         port.log_to(self.log(command)?);
         if let Some(key) = key {
@@ -108,7 +148,9 @@ impl AutopilotArguments {
             self.link,
             patience.as_secs_f64()
         );
-        Ok((Session::new(port, self.speed), client))
+        let profile = ProfileChoice::new(scenario, self.profile);
+        let session = Session::new(port, self.speed).choosing(profile);
+        Ok((session, client))
     }
 }
 
@@ -120,11 +162,14 @@ pub(super) fn impaired(link: Box<dyn Link>, impairment: Option<&Impairment>) -> 
     }
 }
 
-/// What the doctor does.
+/// What to look at, and for which mission.
 #[derive(Debug, Args)]
 pub(crate) struct DoctorArguments {
     #[command(flatten)]
     autopilot: AutopilotArguments,
+    /// Whose mission is predicted: shipped, straight-line, fixed, search, or a file
+    #[arg(long, default_value = "shipped")]
+    policy: PolicyChoice,
     /// Put back the parameters that an interrupted run left changed, as soon as the vehicle is
     /// disarmed; changes nothing else
     #[arg(long)]
@@ -148,7 +193,7 @@ fn restore(arguments: &DoctorArguments) -> Result<(), Failure> {
         return Ok(());
     }
     let scenario = load_scenario(&autopilot.scenario)?;
-    let (mut session, mut client) = autopilot.connect(&scenario, "doctor")?;
+    let (mut session, mut client) = autopilot.connect(&scenario, "doctor", false)?;
     let (stop, say) = (interrupt::flag(), |words: &str| eprintln!("{words}"));
     journal::restore(&mut session, &mut client, &mut journal, &stop, say)
         .map_err(Failure::failed)?;
@@ -164,9 +209,9 @@ pub(crate) fn execute(arguments: &DoctorArguments) -> Result<(), Failure> {
     if arguments.restore {
         return restore(arguments);
     }
-    let arguments = &arguments.autopilot;
+    let (arguments, examined) = (&arguments.autopilot, arguments);
     let scenario = load_scenario(&arguments.scenario)?;
-    let (mut session, mut client) = arguments.connect(&scenario, "doctor")?;
+    let (mut session, mut client) = arguments.connect(&scenario, "doctor", false)?;
     let begun = session.now();
     let say = |event: &Event| {
         if matches!(event, Event::Connected { .. } | Event::Waiting(_)) {
@@ -174,10 +219,16 @@ pub(crate) fn execute(arguments: &DoctorArguments) -> Result<(), Failure> {
         }
     };
     let patience = arguments.patience();
-    let diagnosis = doctor::examine(&mut session, &mut client, patience, &interrupt::flag(), say)?;
+    let mut diagnosis =
+        doctor::examine(&mut session, &mut client, patience, &interrupt::flag(), say)?;
     if diagnosis.vehicle.is_none() {
         return Err(Failure::failed(session.silence(begun)));
     }
+    session.flush()?;
+    let (policy, _) = load_policy(&examined.policy, &scenario)?;
+    let (ideal_policy, _) = load_policy(&examined.policy, &scenario)?;
+    let policies = [policy, ideal_policy];
+    diagnosis.outcome = doctor::predict(&scenario, policies, &client, diagnosis.is_ready());
     println!("{diagnosis}");
     if diagnosis.is_ready() {
         Ok(())

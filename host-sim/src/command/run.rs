@@ -24,6 +24,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::{
     Failure,
     board::{BoardChoice, OpenBoard, footprint_in_words},
+    doctor::OwnAddressArguments,
     load_policy, terminal,
 };
 
@@ -41,9 +42,10 @@ pub(crate) struct RunArguments {
     /// WATTS the scenario's largest power)
     #[arg(long, default_value = "exact", value_name = "METHOD")]
     inner: Allocation,
-    /// Which vehicle: ideal, multirotor, arducopter or px4
-    #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
-    profile: Profile,
+    /// Which vehicle: ideal, multirotor, arducopter or px4; without it ideal where it is built in,
+    /// elsewhere what the autopilot's heartbeat says
+    #[arg(long, value_parser = Profile::from_str)]
+    profile: Option<Profile>,
     /// Where the vehicle is: builtin, udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or
     /// serial:DEVICE:BAUD
     #[arg(long, default_value = "builtin")]
@@ -63,6 +65,8 @@ pub(crate) struct RunArguments {
     /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
     impair: Option<Impairment>,
+    #[command(flatten)]
+    own: OwnAddressArguments,
     #[command(flatten)]
     board: BoardChoice,
     /// How fast time passes: so many seconds of flight a second, or max
@@ -123,7 +127,18 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
         ));
     }
     let prepared = |policy_name| prepare(arguments, scenario, policy_name);
-    let chosen = (&arguments.policy, arguments.profile);
+    if arguments.own.is_given() {
+        return Err(Failure::bad_input(
+            "a board speaks as the onboard computer of its vehicle: --system-id and \
+             --component-id are for --controller in-process --precision f64",
+        ));
+    }
+    if arguments.link != LinkAddress::Builtin && arguments.profile.is_none() {
+        return Err(Failure::bad_input(
+            "a board is told its vehicle's limits before it hears the vehicle: give --profile",
+        ));
+    }
+    let chosen = (&arguments.policy, arguments.profile.unwrap_or_default());
     match arguments.board.open(scenario, chosen)? {
         OpenBoard::Image(mut image) => {
             let (settings, peer, mut show) = prepared("in flash".into())?;
@@ -154,7 +169,7 @@ fn prepare(
     let settings = FlightSettings {
         policy,
         inner: arguments.inner,
-        profile: arguments.profile,
+        profile: arguments.profile.unwrap_or_default(),
         pace: arguments.speed,
         seed: arguments.seed,
         symbols_per_slot: arguments.symbols,
@@ -212,7 +227,7 @@ fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failur
         address.open().map_err(failed)
     };
     let mut peer = if arguments.link == LinkAddress::Builtin {
-        let mut vehicle = flight::vehicle_settings(scenario, arguments.profile);
+        let mut vehicle = flight::vehicle_settings(scenario, arguments.profile.unwrap_or_default());
         vehicle.signing = key.clone().map(|key| (key, 0));
         Peer::built_in(Vehicle::new(vehicle))
     } else {
@@ -226,6 +241,10 @@ fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failur
         let journal = journal.map_err(Failure::bad_input)?;
         Peer::elsewhere(open("--link", &arguments.link)?).with_journal(journal)
     };
+    peer = peer.spoken_to_as(arguments.own.address());
+    if arguments.link != LinkAddress::Builtin && arguments.profile.is_none() {
+        peer = peer.naming_profile();
+    }
     for address in &arguments.also {
         peer = peer.beside(&address.to_string(), open("--also", address)?);
     }

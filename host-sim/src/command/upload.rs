@@ -7,7 +7,7 @@ use host_sim::{
     flight::{self, FlightSettings, Pace, Peer},
     interrupt,
     policy::PolicyChoice,
-    upload::Upload,
+    upload::{Progress, Upload},
     vehicle::{Profile, Vehicle},
 };
 use indicatif::{ProgressBar, ProgressStyle};
@@ -35,6 +35,11 @@ pub(crate) struct UploadArguments {
     /// Fly it as soon as it is there: arms the motors and takes off
     #[arg(long)]
     start: bool,
+    /// Set the autopilot's parameters that clip the mission's speed. They STAY set, for the mission
+    /// flies after this command has ended; what they were is printed. After a failed upload they
+    /// are put back
+    #[arg(long)]
+    set_params: bool,
 }
 
 /// Plans on the ideal vehicle, uploads, reads back, and starts if asked.
@@ -62,7 +67,10 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let mut waypoints: Vec<_> = record.slots.iter().map(|slot| slot.planned).collect();
     // One more slot away at most; the paper counts that as arrived.
     waypoints.push(mission.destination);
-    let (mut session, mut client) = arguments.autopilot.connect(&scenario, "upload")?;
+    let (mut session, mut client) =
+        arguments
+            .autopilot
+            .connect(&scenario, "upload", arguments.set_params)?;
     let upload = Upload {
         waypoints: &waypoints,
         speed_mps: mission.max_speed_mps,
@@ -75,11 +83,20 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     };
     let stop = interrupt::flag();
     let bar = transfer_bar()?;
-    let outcome = upload.run(&mut session, &mut client, &stop, |done, count| {
-        bar.set_length(count.into());
-        bar.set_position(done.into());
-    });
+    let outcome = upload.run(
+        &mut session,
+        &mut client,
+        &stop,
+        |progress| match progress {
+            Progress::Items { done, count } => {
+                bar.set_length(count.into());
+                bar.set_position(done.into());
+            }
+            Progress::Note(words) => bar.suspend(|| eprintln!("note: {words}")),
+        },
+    );
     bar.finish_and_clear();
+    session.flush()?;
     let items = outcome.map_err(Failure::failed)?;
     let begun = if arguments.start {
         ", and it flies"

@@ -8,6 +8,7 @@
 //! vehicle time is simulated, in steps of 10 ms, as fast as it computes or at a pace; with any
 //! other it is the clock's.
 
+mod airframe;
 pub mod board;
 mod clock;
 mod ground;
@@ -23,6 +24,7 @@ use firmware_core::{
         self, Autopilot, Event, Finding, Geofence, Phase, SettingsError,
         failsafe::{Cause, Watch},
         frames::Geodetic,
+        preflight::Preflight,
         wire::{
             MAX_FRAME,
             signing::{Signer, Verifier},
@@ -46,6 +48,7 @@ use crate::{
     world::World,
 };
 
+pub use airframe::{ProfileChoice, WrongProfile};
 use clock::Clock;
 pub use clock::Pace;
 use ground::Ground;
@@ -137,6 +140,9 @@ pub enum FlightError {
     /// The link failed.
     #[error("link: {0}")]
     Link(#[from] std::io::Error),
+    /// The profile that was given is for another autopilot.
+    #[error("{0}")]
+    WrongProfile(#[from] WrongProfile),
     /// No autopilot at the other end.
     #[error("{0}")]
     NobodyThere(Silence),
@@ -252,6 +258,7 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
     autopilot::Settings {
         limits,
         geofence: Some(fence),
+        preflight: Preflight::of(p),
         watch: Watch {
             ground: Some((slot * GROUND_SLOTS).max(GROUND_PATIENCE)),
             ..Watch::default()
@@ -288,6 +295,8 @@ struct Flight<P> {
     stopwatch: Stopwatch,
     events: Vec<FlightEvent>,
     path: Vec<PathSample>,
+    profile: Profile,
+    profile_choice: ProfileChoice,
     /// When slot 1 began.
     started: Option<Instant>,
     /// When the flight was over.
@@ -320,6 +329,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
         let autopilot = Autopilot::new(autopilot::Settings {
             set_parameters: peer.sets_parameters(),
+            own: peer.own(),
             ..autopilot_settings(scenario, settings.profile)
         })?;
         let mut onboard = Onboard::new(Settings::default(), controller, autopilot);
@@ -336,6 +346,11 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             stopwatch: Stopwatch::default(),
             events: Vec::new(),
             path: Vec::new(),
+            profile: settings.profile,
+            profile_choice: ProfileChoice::new(
+                scenario,
+                (!peer.names_profile()).then_some(settings.profile),
+            ),
             started: None,
             ended: None,
             reasons: Reasons::default(),
@@ -357,6 +372,9 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             peer.step(now)?;
             self.onboard.set_signing_time(peer.unix_us(now));
             self.exchange(now, peer, observer)?;
+            if let Some(profile) = self.profile_choice.settle(self.onboard.autopilot_mut())? {
+                self.profile = profile;
+            }
             self.note_path(now, peer);
             self.note_events(now, observer);
             self.heed_stop(now, peer, observer)?;
@@ -620,8 +638,14 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
     /// The end before the end, with its true cause.
     fn broken_off(&self, now: Instant, peer: &Peer) -> FlightError {
         let autopilot = self.onboard.autopilot();
-        let cause = autopilot.fault().map(|cause| cause.to_string());
-        let cause = self.reasons.words().or(cause);
+        let refusal = autopilot.refusal().map(|refusal| refusal.to_string());
+        let cause = autopilot
+            .fault()
+            .map(|cause| match (cause, autopilot.obstacle()) {
+                (Cause::StageTimedOut, Some(obstacle)) => format!("{cause}: {obstacle}"),
+                _ => cause.to_string(),
+            });
+        let cause = refusal.or(self.reasons.words()).or(cause);
         let reason = self.journal_failed.clone();
         let reason = reason.or_else(|| reason::first(self.onboard.fault(), cause));
         let mut reason = reason.unwrap_or_else(|| autopilot.phase().to_string());
@@ -645,7 +669,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             scenario: scenario.clone(),
             policy: settings.policy.clone(),
             inner: settings.inner.to_string(),
-            profile: settings.profile.name().into(),
+            profile: self.profile.name().into(),
             seed: settings.seed,
             link: self.ground.link(),
             slots: self.ground.into_slots(),

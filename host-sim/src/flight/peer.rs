@@ -11,7 +11,10 @@ use std::{
 
 use firmware_core::{
     Position,
-    autopilot::wire::{Decoder, signing::SigningKey},
+    autopilot::{
+        OwnAddress,
+        wire::{Decoder, signing::SigningKey},
+    },
     time::Instant,
 };
 
@@ -42,6 +45,8 @@ pub struct Peer {
     journal: Option<ParameterJournal>,
     /// Where the built-in vehicle was lately: its clock and its true position, oldest first.
     track: VecDeque<(Instant, Position<f64>)>,
+    names_profile: bool,
+    own: OwnAddress,
     log: Option<TlogWriter<BufWriter<File>>>,
     /// Why the log ends before the flight.
     log_failed: Option<io::Error>,
@@ -94,6 +99,8 @@ impl Peer {
             set_parameters: false,
             journal: None,
             track: VecDeque::new(),
+            names_profile: false,
+            own: OwnAddress::ONBOARD_COMPUTER,
             log: None,
             log_failed: None,
         }
@@ -163,6 +170,19 @@ impl Peer {
         self.journal.take()
     }
 
+    /// The autopilot's heartbeat decides which profile's limits are planned with, instead of the
+    /// settings of the flight.
+    pub fn naming_profile(mut self) -> Self {
+        self.names_profile = true;
+        self
+    }
+
+    /// The address that our client's frames carry.
+    pub fn spoken_to_as(mut self, own: OwnAddress) -> Self {
+        self.own = own;
+        self
+    }
+
     /// Logs every frame in both directions into a `.tlog` file. Simulated flights are logged in
     /// simulated time from a fixed date, so that the same flight gives the same bytes.
     ///
@@ -180,6 +200,14 @@ impl Peer {
 
     pub(super) fn key(&self) -> Option<&SigningKey> {
         self.key.as_ref()
+    }
+
+    pub(super) fn names_profile(&self) -> bool {
+        self.names_profile
+    }
+
+    pub(super) fn own(&self) -> OwnAddress {
+        self.own
     }
 
     pub(super) fn sets_parameters(&self) -> bool {

@@ -32,7 +32,7 @@ impl fmt::Debug for Port {
 }
 
 impl Port {
-    /// Speaks as `own` over `link`.
+    /// Speaks as `own` over `link`, until [`send_as`](Self::send_as).
     pub fn new(link: Box<dyn Link>, own: Address) -> Self {
         Self {
             link,
@@ -55,6 +55,11 @@ impl Port {
         self.encoder
             .sign_with(Signer::new(key.clone(), link, now_us));
         self.decoder.require_signatures(Verifier::new(key, now_us));
+    }
+
+    /// Sends as `own` from now on.
+    pub fn send_as(&mut self, own: Address) {
+        self.encoder.send_as(own);
     }
 
     /// What went by.

@@ -9,6 +9,7 @@ use firmware_core::time::Instant;
 use mavlink::dialects::common::MavMessage;
 
 use super::{Port, Silence};
+use crate::flight::{ProfileChoice, WrongProfile};
 
 /// A port and a clock that runs `speed` times as fast as the wall's.
 #[derive(Debug)]
@@ -16,6 +17,8 @@ pub struct Session {
     port: Port,
     begin: std::time::Instant,
     speed: f64,
+    profile: Option<ProfileChoice>,
+    wrong_profile: Option<WrongProfile>,
 }
 
 impl Session {
@@ -25,7 +28,21 @@ impl Session {
             port,
             begin: std::time::Instant::now(),
             speed,
+            profile: None,
+            wrong_profile: None,
         }
+    }
+
+    /// The client plans within the limits of this choice's profile, as soon as its autopilot was
+    /// heard.
+    pub fn choosing(mut self, profile: ProfileChoice) -> Self {
+        self.profile = Some(profile);
+        self
+    }
+
+    /// Whether the profile that was given is for another autopilot than the one that answers.
+    pub fn wrong_profile(&self) -> Option<WrongProfile> {
+        self.wrong_profile
     }
 
     /// The time in the vehicle's pace.
@@ -42,6 +59,14 @@ impl Session {
         }
     }
 
+    /// Writes out the log of what passed, if there is one.
+    ///
+    /// # Errors
+    /// The log cannot be written.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.port.flush()
+    }
+
     /// Sends a message.
     pub fn send(&mut self, message: &MavMessage) -> io::Result<bool> {
         self.port.send(self.now(), message)
@@ -56,6 +81,7 @@ impl Session {
     ) -> io::Result<()> {
         let now = self.now();
         while let Some(message) = client.poll(now) {
+            self.port.send_as(client.own());
             self.port.send(now, &message)?;
         }
         let nap = (client.poll_at(now) - now).as_secs_f64() / self.speed;
@@ -63,6 +89,11 @@ impl Session {
         while let Some((from, message)) = self.port.receive(self.now(), nap)? {
             let now = self.now();
             client.receive(now, from, &message);
+            if let Some(Err(wrong)) = self.profile.as_mut().map(|choice| choice.settle(client)) {
+                self.wrong_profile = Some(wrong);
+            }
+            // What the caller sends goes out under the vehicle's system id, too.
+            self.port.send_as(client.own());
             also(now, from, &message);
             nap = WallDuration::ZERO;
         }

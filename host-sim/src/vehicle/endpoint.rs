@@ -13,7 +13,7 @@ use mavlink::dialects::common::{
 
 use super::body::Target;
 use super::parameters::Value;
-use super::telemetry::LOCAL_POSITION_NED;
+use super::telemetry::{HEARTBEAT, LOCAL_POSITION_NED};
 use super::{FlightMode, Setpoint, Vehicle};
 
 /// Setpoints further apart than this do not make a stream (PX4 asks for 2 Hz).
@@ -116,6 +116,12 @@ impl Vehicle {
     fn obey(&mut self, now: Instant, command: &COMMAND_LONG_DATA) -> Option<MavResult> {
         use MavResult as R;
         Some(match command.command {
+            // PX4 does not let the interval of its heartbeat be set.
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
+                if self.firmware == Firmware::Px4 && command.param1 as u32 == HEARTBEAT =>
+            {
+                R::MAV_RESULT_FAILED
+            }
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 let interval = match command.param2 {
                     us if us > 0.0 => Some(Duration::from_micros(us as u64)),
@@ -179,6 +185,9 @@ impl Vehicle {
         if mode == FlightMode::Guided && self.firmware == Firmware::Px4 && !self.stream_flows(now) {
             let text = "Offboard: no setpoint stream";
             self.say(MavSeverity::MAV_SEVERITY_CRITICAL, text);
+            return MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
+        }
+        if mode == FlightMode::Auto && self.mission_settles(now) {
             return MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
         }
         self.set_mode(mode);

@@ -10,8 +10,8 @@ use firmware_core::autopilot::wire::Address;
 use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::{
     MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA,
-    MISSION_ITEM_REACHED_DATA, MISSION_REQUEST_DATA, MISSION_REQUEST_INT_DATA, MavCmd, MavMessage,
-    MavMissionResult, MavMissionType, MavResult,
+    MISSION_ITEM_REACHED_DATA, MISSION_REQUEST_DATA, MISSION_REQUEST_INT_DATA, MavCmd, MavFrame,
+    MavMessage, MavMissionResult, MavMissionType, MavResult,
 };
 
 use super::body::Demand;
@@ -47,6 +47,8 @@ const GIVE_UP: Duration = Duration::from_secs(8);
 const SETTLE: Duration = Duration::from_millis(500);
 /// A way-point counts as reached this near, m.
 const REACHED_M: f64 = 2.0;
+/// ArduCopter has no space for a mission until this long after it has booted.
+const NO_SPACE_UNTIL: Instant = Instant::from_micros(15_000_000);
 /// The most items that are stored.
 const CAPACITY: u16 = 700;
 
@@ -68,7 +70,8 @@ impl Vehicle {
     ) -> bool {
         match message {
             MavMessage::MISSION_COUNT(offer) => {
-                if offer.count > CAPACITY {
+                let early = self.firmware == Firmware::ArduCopter && now < NO_SPACE_UNTIL;
+                if early || offer.count > CAPACITY {
                     self.answer_mission(from, MavMissionResult::MAV_MISSION_NO_SPACE);
                     return true;
                 }
@@ -184,6 +187,17 @@ impl Vehicle {
             self.answer_mission(from, MavMissionResult::MAV_MISSION_INVALID);
             return;
         }
+        // PX4 takes commands without a place in the frame MISSION only.
+        let placeless = matches!(
+            item.command,
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
+        );
+        let wrong_frame = placeless != (item.frame == MavFrame::MAV_FRAME_MISSION);
+        if wrong_frame && self.firmware == Firmware::Px4 {
+            self.missions.incoming = None;
+            self.answer_mission(from, MavMissionResult::MAV_MISSION_UNSUPPORTED);
+            return;
+        }
         incoming.items.push(item.clone());
         incoming.progress = now;
         if self.firmware != Firmware::Px4 {
@@ -229,12 +243,17 @@ impl Vehicle {
         }
     }
 
+    /// PX4 does not start a mission that has just been stored.
+    pub(super) fn mission_settles(&self, now: Instant) -> bool {
+        let fresh = self.missions.stored_at.is_some_and(|at| now - at < SETTLE);
+        fresh && self.firmware == Firmware::Px4
+    }
+
     /// MISSION_START.
     pub(super) fn start_mission(&mut self, now: Instant) -> MavResult {
-        let fresh = self.missions.stored_at.is_some_and(|at| now - at < SETTLE);
         if self.missions.items.is_empty() || !self.armed {
             MavResult::MAV_RESULT_FAILED
-        } else if fresh && self.firmware == Firmware::Px4 {
+        } else if self.mission_settles(now) {
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         } else {
             self.set_mode(FlightMode::Auto);

@@ -49,7 +49,7 @@ impl Flight {
     pub fn new(settings: Settings<f64>, vehicle: VehicleSettings) -> Self {
         Self {
             now: Instant::ZERO,
-            encoder: Encoder::new(settings.own),
+            encoder: Encoder::new(settings.own.resolve(None)),
             client: Autopilot::new(settings).unwrap(),
             decoder: Decoder::in_order(),
             vehicle: Vehicle::new(vehicle),
@@ -73,6 +73,7 @@ impl Flight {
         loop {
             let mut quiet = true;
             while let Some(message) = self.client.poll(self.now) {
+                self.encoder.send_as(self.client.own());
                 let bytes = self.encoder.encode(&message, &mut buffer);
                 if !(self.swallowed)(&message) {
                     self.up.push(self.now, bytes);

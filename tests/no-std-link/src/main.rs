@@ -55,7 +55,7 @@ fn heartbeat() -> i32 {
         return 2;
     };
     let key = SigningKey::new([1; 32]);
-    let mut encoder = Encoder::new(settings.own);
+    let mut encoder = Encoder::new(client.own());
     encoder.sign_with(Signer::new(key.clone(), 0, 0));
     let mut decoder = Decoder::in_order();
     decoder.require_signatures(Verifier::new(key, 0));
@@ -66,7 +66,7 @@ fn heartbeat() -> i32 {
     let mut bytes = encoder.encode(&message, &mut buffer);
     let frame = decoder.next_frame(&mut bytes).map(|frame| frame.message());
     if let Some(Ok(message)) = frame {
-        client.receive(Instant::ZERO, settings.own, &message);
+        client.receive(Instant::ZERO, encoder.own(), &message);
         0
     } else {
         4

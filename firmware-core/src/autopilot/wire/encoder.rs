@@ -38,6 +38,12 @@ impl Encoder {
         self.signer.as_mut()
     }
 
+    /// Sends as `own` from now on: the client speaks under the vehicle's system id, which it
+    /// learns from the first heartbeat.
+    pub fn send_as(&mut self, own: Address) {
+        self.own = own;
+    }
+
     /// Who it sends as.
     pub fn own(&self) -> Address {
         self.own

@@ -158,7 +158,9 @@ impl Board for Twin {
         let broken_off = (computer.stage() == Stage::Aborted && !self.broken_off).then(|| {
             let client = computer.autopilot();
             let cause = client.fault().map(|cause| cause.to_string());
-            reason::first(computer.fault(), cause).unwrap_or_else(|| client.phase().to_string())
+            let refusal = client.refusal().map(|refusal| refusal.to_string());
+            reason::first(computer.fault(), refusal.or(cause))
+                .unwrap_or_else(|| client.phase().to_string())
         });
         self.broken_off |= broken_off.is_some();
         let place = computer.autopilot().position();

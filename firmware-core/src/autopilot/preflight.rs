@@ -1,0 +1,392 @@
+//! What is compared with the mission before take-off and cannot be cured by waiting.
+//!
+//! An [`Obstacle`](super::Obstacle) is waited for; a [`PreflightRefusal`] ends the start at once,
+//! before the motors turn, with the two numbers that do not fit. A client that was not told to
+//! launch lists them ([`Autopilot::refusals`]).
+
+use core::fmt;
+
+use heapless::Vec;
+
+use super::profile::Firmware;
+use super::{Autopilot, Obstacle, Phase};
+use crate::mission::MissionParameters;
+use crate::scalar::{Position, Scalar};
+use crate::time::Instant;
+
+/// What the mission asks for, as far as it is compared before take-off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Preflight<T: Scalar> {
+    /// South-west and north-east corner of the mission's area, m; `None` where the mission has no
+    /// area: then the distance to the start counts, and the autopilot's geofence is not compared.
+    pub area: Option<(Position<T>, Position<T>)>,
+    /// How far outside the area the vehicle may stand, m.
+    pub distance_m: T,
+    /// The speed of a straight flight from the start to the destination that takes all slots,
+    /// m/s; `None` where the destination is not known.
+    pub needed_speed_mps: Option<T>,
+}
+
+impl<T: Scalar> Default for Preflight<T> {
+    fn default() -> Self {
+        Self {
+            area: None,
+            distance_m: T::of(500.0),
+            needed_speed_mps: None,
+        }
+    }
+}
+
+impl<T: Scalar> Preflight<T> {
+    /// What a mission asks for. It arrives within `(N + 1) V delta` of its start.
+    pub fn of<const M: usize, const J: usize>(mission: &MissionParameters<T, M, J>) -> Self {
+        let distance_m = (mission.destination - mission.start).norm();
+        let time_s = T::count(mission.slots as usize + 1) * mission.slot_duration_s;
+        Self {
+            area: Some((
+                Position::origin(),
+                Position::new(mission.area.east_m, mission.area.north_m),
+            )),
+            needed_speed_mps: Some(distance_m / time_s),
+            ..Self::default()
+        }
+    }
+
+    /// How far outside the area a place is, m; without an area its distance from `start`.
+    fn outside_m(&self, place: &Position<T>, start: &Position<T>) -> T {
+        let nearest = match &self.area {
+            Some((low, high)) => Position::new(
+                place.x.max(low.x).min(high.x),
+                place.y.max(low.y).min(high.y),
+            ),
+            None => *start,
+        };
+        (place - nearest).norm()
+    }
+
+    /// The distance from a place to the farthest corner of the area, m.
+    fn farthest_m(&self, place: &Position<T>) -> Option<T> {
+        let (low, high) = self.area?;
+        let corners = [
+            low,
+            high,
+            Position::new(low.x, high.y),
+            Position::new(high.x, low.y),
+        ];
+        Some(corners.iter().fold(T::zero(), |farthest, corner| {
+            farthest.max((corner - place).norm())
+        }))
+    }
+}
+
+/// Why a mission is not started. Waiting does not help.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PreflightRefusal {
+    /// The vehicle stands too far away.
+    TooFar {
+        /// From the vehicle to the mission's area (or start), m.
+        distance_m: f32,
+        /// The longest distance that is flown to it, m.
+        limit_m: f32,
+    },
+    /// The battery is at or below the threshold of the battery failsafe.
+    BatteryLow {
+        /// What it shows, percent.
+        percent: i8,
+        /// The threshold, percent.
+        threshold: i8,
+    },
+    /// The mission's area reaches beyond the autopilot's own circular geofence.
+    OutsideAutopilotFence {
+        /// The parameter that holds the radius.
+        parameter: &'static str,
+        /// The radius, m.
+        limit_m: f32,
+        /// From the vehicle to the farthest corner of the area, m.
+        needed_m: f32,
+    },
+    /// The mission's altitude reaches the ceiling of the autopilot's own geofence.
+    AboveAutopilotFence {
+        /// The parameter that holds the ceiling.
+        parameter: &'static str,
+        /// The ceiling, m.
+        limit_m: f32,
+        /// The mission's altitude, m.
+        needed_m: f32,
+    },
+    /// The destination cannot be reached in the mission's slots.
+    TooSlow {
+        /// The speed that the straight way asks for, m/s.
+        needed_mps: f32,
+        /// The speed that the vehicle's limits leave, m/s.
+        possible_mps: f32,
+        /// The parameter that leaves no more, and the value to set it to.
+        parameter: Option<(&'static str, f32)>,
+    },
+}
+
+impl fmt::Display for PreflightRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::TooFar {
+                distance_m,
+                limit_m,
+            } => write!(
+                f,
+                "the vehicle stands {distance_m:.0} m outside the mission's area, and at most \
+                 {limit_m:.0} m are flown to it: compare its position with the scenario's origin"
+            ),
+            Self::BatteryLow { percent, threshold } => write!(
+                f,
+                "the battery shows {percent} %, and the battery failsafe lands below {threshold} %"
+            ),
+            Self::OutsideAutopilotFence {
+                parameter,
+                limit_m,
+                needed_m,
+            } => write!(
+                f,
+                "the mission's area reaches {needed_m:.0} m from the vehicle, and the autopilot's \
+                 own geofence ends at {limit_m:.0} m ({parameter})"
+            ),
+            Self::AboveAutopilotFence {
+                parameter,
+                limit_m,
+                needed_m,
+            } => write!(
+                f,
+                "the mission flies at {needed_m:.0} m, and the autopilot's own geofence ends at \
+                 {limit_m:.0} m ({parameter})"
+            ),
+            Self::TooSlow {
+                needed_mps,
+                possible_mps,
+                parameter,
+            } => {
+                write!(
+                    f,
+                    "the destination asks for {needed_mps:.1} m/s, and the vehicle's limits leave \
+                     {possible_mps:.1} m/s"
+                )?;
+                match parameter {
+                    Some((name, value)) => write!(f, ": set {name} to {value}"),
+                    None => Ok(()),
+                }
+            }
+        }
+    }
+}
+
+/// The most refusals that can hold at once.
+pub const REFUSALS: usize = 5;
+
+/// The circle and the ceiling of the autopilot's own geofence about its home, as its parameters
+/// have them: name and metres.
+type OwnFence = [Option<(&'static str, f32)>; 2];
+
+fn own_fence(firmware: Firmware, parameter: impl Fn(&str) -> Option<f32>) -> OwnFence {
+    let number = |name: &'static str| Some((name, parameter(name)?));
+    // Zero switches a distance of PX4 off.
+    let above_zero = |name| number(name).filter(|&(_, limit_m)| limit_m > 0.0);
+    match firmware {
+        Firmware::Generic => [None, None],
+        Firmware::ArduCopter => {
+            let enabled = parameter("FENCE_ENABLE").is_some_and(|value| value != 0.0);
+            let types = parameter("FENCE_TYPE").unwrap_or(0.0) as u32;
+            let bit = |bit: u32| enabled && types & bit != 0;
+            [
+                number("FENCE_RADIUS").filter(|_| bit(2)),
+                number("FENCE_ALT_MAX").filter(|_| bit(1)),
+            ]
+        }
+        Firmware::Px4 => {
+            // Action 0 does nothing, 1 only warns.
+            let acts = parameter("GF_ACTION").is_some_and(|value| value >= 2.0);
+            [
+                above_zero("GF_MAX_HOR_DIST").filter(|_| acts),
+                above_zero("GF_MAX_VER_DIST").filter(|_| acts),
+            ]
+        }
+    }
+}
+
+impl<T: Scalar> Autopilot<T> {
+    /// What stands against a start and cannot be cured by waiting, as far as it is known by now.
+    /// Empty once the flight has begun.
+    pub fn refusals(&self, now: Instant) -> Vec<PreflightRefusal, REFUSALS> {
+        let mut refusals = Vec::new();
+        if matches!(self.phase, Phase::Checking | Phase::Standby) {
+            let obstacle = self.look_for_obstacle(now);
+            let all = [
+                self.refuse_distance(obstacle),
+                self.refuse_speed(),
+                self.refuse_battery(obstacle),
+            ];
+            let fence = self.refuse_own_fence(obstacle);
+            // The capacity is the number of refusals.
+            refusals.extend(all.into_iter().chain(fence).flatten());
+        }
+        refusals
+    }
+
+    /// The vehicle says where on Earth it stands.
+    fn is_placed(obstacle: Option<Obstacle>) -> bool {
+        matches!(obstacle, None | Some(Obstacle::PreArm))
+    }
+
+    fn refuse_distance(&self, obstacle: Option<Obstacle>) -> Option<PreflightRefusal> {
+        let sample = self
+            .telemetry
+            .sample
+            .filter(|_| Self::is_placed(obstacle))?;
+        let preflight = &self.settings.preflight;
+        let distance_m = preflight.outside_m(&sample.position, &self.settings.start);
+        (distance_m > preflight.distance_m).then(|| PreflightRefusal::TooFar {
+            distance_m: distance_m.to_f64() as f32,
+            limit_m: preflight.distance_m.to_f64() as f32,
+        })
+    }
+
+    fn refuse_speed(&self) -> Option<PreflightRefusal> {
+        let needed_mps = self.settings.preflight.needed_speed_mps?;
+        let slow = self.parameters_are_read() && self.limits.speed_mps < needed_mps;
+        slow.then(|| PreflightRefusal::TooSlow {
+            needed_mps: needed_mps.to_f64() as f32,
+            possible_mps: self.limits.speed_mps.to_f64() as f32,
+            parameter: self.reader.slowest(),
+        })
+    }
+
+    /// Only where nothing else is waited for: an autopilot that starts up may show an empty
+    /// battery.
+    fn refuse_battery(&self, obstacle: Option<Obstacle>) -> Option<PreflightRefusal> {
+        let threshold = self.settings.watch.battery_percent;
+        let percent = self.telemetry.battery_percent?;
+        let low = percent <= threshold && obstacle.is_none() && self.parameters_are_read();
+        low.then_some(PreflightRefusal::BatteryLow { percent, threshold })
+    }
+
+    fn refuse_own_fence(&self, obstacle: Option<Obstacle>) -> [Option<PreflightRefusal>; 2] {
+        let (Some((_, firmware)), Some(sample)) = (self.vehicle, self.telemetry.sample) else {
+            return [None, None];
+        };
+        let preflight = &self.settings.preflight;
+        let Some(farthest_m) = preflight.farthest_m(&sample.position) else {
+            return [None, None];
+        };
+        if !(self.parameters_are_read() && Self::is_placed(obstacle)) {
+            return [None, None];
+        }
+        let (farthest_m, altitude_m) = (
+            farthest_m.to_f64() as f32,
+            self.settings.altitude_m.to_f64() as f32,
+        );
+        let [radius, ceiling] = own_fence(firmware, |name| self.parameter(name));
+        [
+            radius
+                .filter(|&(_, limit_m)| farthest_m >= limit_m)
+                .map(
+                    |(parameter, limit_m)| PreflightRefusal::OutsideAutopilotFence {
+                        parameter,
+                        limit_m,
+                        needed_m: farthest_m,
+                    },
+                ),
+            ceiling
+                .filter(|&(_, limit_m)| altitude_m >= limit_m)
+                .map(
+                    |(parameter, limit_m)| PreflightRefusal::AboveAutopilotFence {
+                        parameter,
+                        limit_m,
+                        needed_m: altitude_m,
+                    },
+                ),
+        ]
+    }
+
+    /// How far outside the geofence the vehicle stands, m.
+    pub(super) fn outside_fence_m(&self) -> T {
+        match (&self.settings.geofence, &self.telemetry.sample) {
+            (Some(fence), Some(sample)) => (fence.clamp(sample.position) - sample.position).norm(),
+            _ => T::zero(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::string::ToString;
+
+    use super::*;
+
+    fn preflight() -> Preflight<f64> {
+        Preflight {
+            area: Some((Position::origin(), Position::new(1000.0, 500.0))),
+            ..Preflight::default()
+        }
+    }
+
+    #[test]
+    fn distances_are_to_the_area_and_to_its_farthest_corner() {
+        let start = Position::origin();
+        let outside = |x, y| preflight().outside_m(&Position::new(x, y), &start);
+        assert_eq!(outside(400.0, 200.0), 0.0);
+        assert_eq!(outside(1300.0, 900.0), 500.0);
+        assert_eq!(outside(-100.0, 200.0), 100.0);
+        let farthest = preflight().farthest_m(&Position::new(400.0, 500.0));
+        assert_eq!(farthest, Some((600.0f64 * 600.0 + 500.0 * 500.0).sqrt()));
+        let nowhere = Preflight::<f64>::default();
+        assert_eq!(nowhere.outside_m(&Position::new(3.0, 4.0), &start), 5.0);
+        assert_eq!(nowhere.farthest_m(&start), None);
+    }
+
+    #[test]
+    fn the_autopilots_own_fence_counts_where_it_acts() {
+        let parameters = |all: &'static [(&str, f32)]| {
+            move |name: &str| all.iter().find(|(known, _)| *known == name).map(|p| p.1)
+        };
+        let arducopter = |all| own_fence(Firmware::ArduCopter, parameters(all));
+        let (radius, ceiling) = (("FENCE_RADIUS", 300.0), ("FENCE_ALT_MAX", 100.0));
+        const OFF: &[(&str, f32)] = &[
+            ("FENCE_ENABLE", 0.0),
+            ("FENCE_TYPE", 7.0),
+            ("FENCE_RADIUS", 300.0),
+        ];
+        assert_eq!(arducopter(OFF), [None, None]);
+        const BOTH: &[(&str, f32)] = &[
+            ("FENCE_ENABLE", 1.0),
+            ("FENCE_TYPE", 7.0),
+            ("FENCE_RADIUS", 300.0),
+            ("FENCE_ALT_MAX", 100.0),
+        ];
+        assert_eq!(arducopter(BOTH), [Some(radius), Some(ceiling)]);
+        const CEILING: &[(&str, f32)] = &[
+            ("FENCE_ENABLE", 1.0),
+            ("FENCE_TYPE", 1.0),
+            ("FENCE_RADIUS", 300.0),
+            ("FENCE_ALT_MAX", 100.0),
+        ];
+        assert_eq!(arducopter(CEILING), [None, Some(ceiling)]);
+        const PX4: &[(&str, f32)] = &[
+            ("GF_ACTION", 2.0),
+            ("GF_MAX_HOR_DIST", 400.0),
+            ("GF_MAX_VER_DIST", 0.0),
+        ];
+        let fence = own_fence(Firmware::Px4, parameters(PX4));
+        assert_eq!(fence, [Some(("GF_MAX_HOR_DIST", 400.0)), None]);
+    }
+
+    #[test]
+    fn a_refusal_has_both_numbers_and_what_to_change() {
+        let slow = PreflightRefusal::TooSlow {
+            needed_mps: 20.84,
+            possible_mps: 9.5,
+            parameter: Some(("WPNAV_SPEED", 3500.0)),
+        };
+        assert_eq!(
+            slow.to_string(),
+            "the destination asks for 20.8 m/s, and the vehicle's limits leave 9.5 m/s: set \
+             WPNAV_SPEED to 3500"
+        );
+    }
+}
