@@ -47,7 +47,7 @@ const RELIABLE_SHARE: f64 = 0.5;
 /// What the slot cycle is told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// How long the ground may take to answer an arrival.
+    /// How long the ground may take to answer an arrival; never longer than half a slot.
     pub channel_patience: Duration,
     /// After how long without an answer the arrival is sent again.
     pub arrival_interval: Duration,
@@ -155,6 +155,12 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         autopilot: Autopilot<T>,
     ) -> Self {
         let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
+        // The exchange takes place in the next slot, which has to be flown as well.
+        let half_slot = Duration::from_secs_f64(slot_duration_s / 2.0);
+        let settings = Settings {
+            channel_patience: settings.channel_patience.min(half_slot),
+            ..settings
+        };
         Self {
             settings,
             slot_duration_s,

@@ -54,9 +54,10 @@ fn assert_ends_well(record: &FlightRecord, seed: u64, ideal_rate: f64) -> Summar
     assert_eq!(said("FAILSAFE"), 0, "{}", context());
     assert_eq!(said("disarmed"), 1, "{}", context());
     assert_eq!(said(" set from "), said(" put back to "), "{}", context());
-    // A flight with a vehicle that has inertia costs something; the radio costs hardly more.
+    // A flight with a vehicle that has inertia costs something: 2.1 % with ArduCopter's recorded
+    // dynamics on a perfect link, 3.1 % at worst on these.
     let share = summary.sum_rate / ideal_rate;
-    assert!(share > 0.98, "{}", context());
+    assert!(share > 0.965, "{}", context());
     assert!(summary.planned_vs_flown_median_m < 3.0, "{}", context());
     summary
 }

@@ -16,8 +16,8 @@ use firmware_core::autopilot::{Autopilot, Event, Leg, Phase, Sample, Settings};
 use firmware_core::time::{Duration, Instant};
 use host_sim::vehicle::{Profile, Vehicle, VehicleSettings};
 use mavlink::dialects::common::{
-    COMMAND_ACK_DATA, COMMAND_LONG_DATA, GPS_GLOBAL_ORIGIN_DATA, MavCmd, MavMessage, MavResult,
-    PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, GPS_GLOBAL_ORIGIN_DATA, MavCmd, MavMessage, MavParamType,
+    MavResult, PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 const TICK: Duration = Duration::from_millis(10);
@@ -132,12 +132,21 @@ impl Answers {
                 messages
             }
             MavMessage::PARAM_REQUEST_READ(request) => {
-                let value = self.parameters.get(request.param_id.to_str().unwrap());
-                value
-                    .cloned()
-                    .map(MavMessage::PARAM_VALUE)
-                    .into_iter()
-                    .collect()
+                let name = request.param_id.to_str().unwrap();
+                let recorded = self.parameters.get(name).cloned();
+                // What the recorded client did not read yet has its default.
+                let default = || {
+                    let values = [Profile::ArduCopter, Profile::Px4].map(|p| p.parameter(name));
+                    let value = values.into_iter().flatten().next()?;
+                    Some(PARAM_VALUE_DATA {
+                        param_value: value as f32,
+                        param_id: request.param_id,
+                        param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+                        ..PARAM_VALUE_DATA::DEFAULT
+                    })
+                };
+                let value = recorded.or_else(default);
+                value.map(MavMessage::PARAM_VALUE).into_iter().collect()
             }
             MavMessage::PARAM_SET(set) => {
                 let Some(value) = self.parameters.get_mut(set.param_id.to_str().unwrap()) else {
@@ -220,7 +229,8 @@ impl Replay {
         };
         let path = records.iter().filter_map(|record| match &record.message {
             MavMessage::LOCAL_POSITION_NED(p) => {
-                Some((record.at, Position::new(p.y.into(), p.x.into())))
+                let time = Instant::ZERO + Duration::from_millis(p.time_boot_ms.into());
+                Some((time, Position::new(p.y.into(), p.x.into())))
             }
             _ => None,
         });
@@ -249,10 +259,12 @@ impl Replay {
         }
     }
 
-    /// Where the recorded vehicle was at that time.
+    /// Where the recorded vehicle was at that time of its clock: between two samples on a line.
     fn recorded_place(&self, at: Instant) -> Option<Position<f64>> {
-        let i = self.path.partition_point(|(came, _)| *came < at);
-        self.path.get(i).map(|(_, place)| *place)
+        let i = self.path.partition_point(|(time, _)| *time < at).max(1);
+        let ((begin, from), (end, to)) = (self.path[i - 1], *self.path.get(i)?);
+        let fraction = (at - begin).as_secs_f64() / (end - begin).as_secs_f64();
+        Some(from + (to - from) * fraction)
     }
 
     fn exchange(&mut self) {
@@ -307,14 +319,14 @@ impl Replay {
             self.late += usize::from(ended.tick.extrapolated);
         }
         if matches!(self.client.phase(), Phase::Ready | Phase::LegEnded) {
-            let begin = if self.now < self.slot_end + SLOT {
+            let vehicle_now = self.client.vehicle_time(self.now).expect("it flies");
+            let begin = if vehicle_now < self.slot_end + SLOT {
                 self.slot_end
             } else {
-                self.now
+                vehicle_now
             };
             let end = begin + SLOT;
-            if end > self.now
-                && let Some(waypoint) = self.recorded_place(end)
+            if let Some(waypoint) = self.recorded_place(end)
                 && self.client.fly_leg(self.now, Leg { waypoint, end }).is_ok()
             {
                 self.slot_end = end;

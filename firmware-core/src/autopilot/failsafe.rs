@@ -72,7 +72,7 @@ pub struct Row {
 pub static TABLE: [Row; 14] = [
     Row {
         cause: Cause::HeartbeatLost,
-        detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s)",
+        detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s; with PX4, which sends one a second, 10 s)",
         reaction: Reaction::Silence,
         ends: "the autopilot's own link failsafe; if it is heard again and still ours, NAV_LAND",
     },

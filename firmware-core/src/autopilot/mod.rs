@@ -235,6 +235,8 @@ struct ActiveLeg<T: Scalar> {
     waypoint: Position<T>,
     end: Instant,
     from: Position<T>,
+    /// How the reference ends; `None` where the leg came too late to be flown.
+    reference_end: Option<Motion<T>>,
     /// The setpoint of the leg's end has been sent.
     final_sent: bool,
     /// It was echoed; in the autopilot's time, as MAVLink counts it.
@@ -290,6 +292,11 @@ pub struct Autopilot<T: Scalar> {
     /// Modes that are ours while landing.
     landing_by: Option<Request>,
     stream: Option<Stream<T>>,
+    /// By how much the vehicle follows the reference late, s; negative where it is early. Learned
+    /// from tick to tick, and flown ahead by.
+    lag_s: T,
+    /// The last leg neither gathered nor lost speed.
+    cruised: bool,
     leg: Option<ActiveLeg<T>>,
     ignored_legs: u8,
     ground_heard: Option<Instant>,
@@ -332,6 +339,8 @@ impl<T: Scalar> Autopilot<T> {
             holds: None,
             landing_by: None,
             stream: None,
+            lag_s: T::zero(),
+            cruised: false,
             leg: None,
             ignored_legs: 0,
             ground_heard: None,
@@ -497,6 +506,7 @@ impl<T: Scalar> Autopilot<T> {
         // A leg that is over, or nearly, when it is decided cannot be flown any more: the vehicle
         // flies on as it does, and the slot ends on its tick nevertheless. Where a place is reached
         // the moment it is asked for, it is not too late.
+        let mut reference_end = None;
         let flyable = leg.end > vehicle_now + self.settings.setpoint_interval / 2;
         if flyable || self.limits.is_ideal() {
             // A sample is some time old: the vehicle has flown on.
@@ -506,10 +516,15 @@ impl<T: Scalar> Autopilot<T> {
                 ..Motion::at_rest(measured.position)
             };
             let tolerance = self.settings.lag_tolerance_m;
+            // A vehicle that follows late is at the waypoint in time if the reference is ahead.
+            let way = leg.waypoint - sample.position;
+            let slot_s = T::of((leg.end - sample.time).as_secs_f64());
+            let aim = leg.waypoint + way * (self.lag_s / slot_s.max(self.lag_s.abs()));
             stream
                 .guide
-                .fly_leg(vehicle_now, leg.end, leg.waypoint, measured, tolerance);
+                .fly_leg(vehicle_now, leg.end, aim, measured, tolerance);
             stream.due = now;
+            reference_end = Some(stream.guide.target());
         }
         // The ground has something to say from the first leg on.
         self.ground_heard.get_or_insert(now);
@@ -517,6 +532,7 @@ impl<T: Scalar> Autopilot<T> {
             waypoint: leg.waypoint,
             end: leg.end,
             from: sample.position,
+            reference_end,
             final_sent: !flyable && !self.limits.is_ideal(),
             confirmed: None,
             ended: None,
@@ -545,6 +561,15 @@ impl<T: Scalar> Autopilot<T> {
     /// nothing if the flight has not begun or somebody else flies.
     pub fn stop(&mut self, now: Instant) {
         self.fail(now, Cause::StopAsked);
+    }
+
+    /// How long the autopilot's heartbeat may be missing: twice as long where it comes once a
+    /// second whatever is asked for, and five in a row are lost on a bad link now and then.
+    fn heartbeat_patience(&self) -> Duration {
+        let steady = self
+            .vehicle
+            .is_some_and(|(_, firmware)| !firmware.sends_heartbeats_on_request());
+        self.settings.watch.heartbeat * if steady { 2 } else { 1 }
     }
 
     /// Whether parameters that were set for the flight are as they were, or there were none. In a
@@ -588,14 +613,14 @@ impl<T: Scalar> Autopilot<T> {
     /// what is at its other end, is dead for now.
     pub fn is_link_silent(&self, now: Instant) -> bool {
         self.heartbeat_age(now)
-            .is_some_and(|age| age > self.settings.watch.heartbeat)
+            .is_some_and(|age| age > self.heartbeat_patience())
     }
 
     /// Whether the silence has lasted for [`failsafe::Watch::link_dead`] longer than that.
     pub fn is_link_dead(&self, now: Instant) -> bool {
         let watch = &self.settings.watch;
         self.heartbeat_age(now)
-            .is_some_and(|age| age > watch.heartbeat + watch.link_dead)
+            .is_some_and(|age| age > self.heartbeat_patience() + watch.link_dead)
     }
 
     /// Gives up putting parameters back: an event for each says what it was.

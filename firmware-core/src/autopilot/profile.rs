@@ -138,6 +138,12 @@ impl Firmware {
         }
     }
 
+    /// Whether it takes a SET_MESSAGE_INTERVAL for its heartbeat. PX4 refuses it and sends one a
+    /// second.
+    pub const fn sends_heartbeats_on_request(self) -> bool {
+        !matches!(self, Self::Px4)
+    }
+
     /// Take-off by NAV_TAKEOFF; otherwise by setpoints that rise.
     pub const fn takes_off_by_command(self) -> bool {
         !matches!(self, Self::Px4)

@@ -27,6 +27,10 @@ const GROUND_PATIENCE: Duration = Duration::from_secs(5);
 const ORIGIN_INTERVAL: Duration = Duration::from_secs(1);
 /// While something is missing, telemetry is asked for again after this.
 const RESUBSCRIBE: Duration = Duration::from_secs(10);
+/// The part of what a tick shows of the vehicle's lag that is believed.
+const LAG_GAIN: f64 = 0.2;
+/// The largest lag that is flown ahead by, s.
+const LAG_MOST_S: f64 = 0.15;
 /// Above this height over the start the vehicle counts as in the air, m.
 const AIRBORNE_M: f64 = 1.0;
 
@@ -403,11 +407,11 @@ impl<T: Scalar> Autopilot<T> {
                 Phase::Arming | Phase::TakingOff | Phase::Landing | Phase::Disarming
             );
         let heard = telemetry.heartbeat_came?;
-        if armed_by_us && !self.silent && now - heard > watch.heartbeat {
+        if armed_by_us && !self.silent && now - heard > self.heartbeat_patience() {
             return Some(Cause::HeartbeatLost);
         }
         let concerned = armed_by_us || starting || self.launch;
-        if concerned && now - heard > watch.heartbeat + watch.link_dead {
+        if concerned && now - heard > self.heartbeat_patience() + watch.link_dead {
             return Some(Cause::LinkDead);
         }
         if self.silent {
@@ -636,6 +640,20 @@ impl<T: Scalar> Autopilot<T> {
                 clock_rate: clock.rate() as f32,
             },
         });
+        // Extrapolated places say nothing new, and an ideal vehicle has no lag.
+        if let Some(end) = leg.reference_end.filter(|_| !extrapolated && !at_setpoint) {
+            let speed_mps = end.velocity.norm();
+            // While it gathers speed or turns, or flies slowly, other things decide where it is.
+            let cruises = end.acceleration == nalgebra::Vector2::zeros()
+                && speed_mps >= self.settings.transit_speed_mps * T::of(0.3);
+            if core::mem::replace(&mut self.cruised, cruises) && cruises {
+                let behind = (end.position - sample.position).dot(&end.velocity);
+                let observed_s = behind / (speed_mps * speed_mps);
+                let most = T::of(LAG_MOST_S);
+                let step = (observed_s - self.lag_s) * T::of(LAG_GAIN);
+                self.lag_s = (self.lag_s + step).min(most).max(-most);
+            }
+        }
         let stuck = length > T::one() && flown < length * T::of(0.1);
         self.ignored_legs = if stuck {
             self.ignored_legs.saturating_add(1)

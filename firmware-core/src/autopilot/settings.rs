@@ -202,7 +202,8 @@ impl<T: Scalar> Settings<T> {
             telemetry_interval: Duration::from_millis(50),
             coordinates: Coordinates::Local,
             arrival_radius_m: T::of(2.0),
-            lag_tolerance_m: T::of(2.0),
+            // A quarter of a second.
+            lag_tolerance_m: (speed_mps * T::of(0.25)).max(T::of(2.0)),
             sample_patience: Duration::from_millis(250),
             coast: Duration::from_millis(800),
             patience: Patience::default(),

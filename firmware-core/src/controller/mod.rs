@@ -189,7 +189,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             position: measured,
         });
         let mut intervention = Intervention::default();
-        self.pace.observe(&measured);
+        let destination = self.mission.parameters().destination;
+        self.pace.observe(&measured, &destination);
         self.last_state.locate(measured);
         let agility = self.pace.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);

@@ -34,14 +34,16 @@ impl<T: Scalar> Pace<T> {
     /// Slots in a row that prove a vehicle slower than asked.
     const PROOF: u8 = 3;
     /// The share of the asked way below which a slot falls short.
-    const SHORT: f64 = 0.95;
+    const SHORT: f64 = 0.98;
     /// A slot that goes further than the last one by more than this share of the asked way gains
     /// speed.
-    const GAINS: f64 = 0.05;
+    const GAINS: f64 = 0.03;
     /// What is kept free at first, share of `V_max delta`.
-    const TRACKING: f64 = 0.02;
+    const TRACKING: f64 = 0.025;
     /// The largest share that is kept free.
     const TRACKING_MOST: f64 = 0.1;
+    /// The least cosine of the angle to the way home at which a slot shows what that way allows.
+    const HOMEWARD: f64 = 0.7;
     /// A slower vehicle is asked for this much more than it has shown, so that it can show more.
     const ASKED: f64 = 1.1;
 
@@ -90,8 +92,8 @@ impl<T: Scalar> Pace<T> {
         self.leg = Some((from, waypoint));
     }
 
-    /// The vehicle is at `measured` after the last slot.
-    pub(super) fn observe(&mut self, measured: &Position<T>) {
+    /// The vehicle is at `measured` after the last slot, on its way to `destination`.
+    pub(super) fn observe(&mut self, measured: &Position<T>, destination: &Position<T>) {
         let Some((from, waypoint)) = self.leg else {
             return;
         };
@@ -106,7 +108,11 @@ impl<T: Scalar> Pace<T> {
             let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
             self.tracking_m = self.tracking_m.max(beyond_m.min(largest_m));
         }
-        self.held_m = self.held_m.max(flown_m.min(self.most_m()));
+        // What is flown with the wind in another direction is no help on the way home.
+        let home = destination - from;
+        if way.dot(&home) >= flown_m * home.norm() * T::of(Self::HOMEWARD) {
+            self.held_m = self.held_m.max(flown_m.min(self.most_m()));
+        }
         let gains = flown_m > last_m + asked_m * T::of(Self::GAINS);
         let falls_short = flown_m < asked_m * T::of(Self::SHORT);
         if turned || gains || !falls_short {

@@ -579,6 +579,8 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
                 }
             }
             if quiet {
+                // What was sent last may have ended the flight.
+                self.onboard.poll(now, &mut self.stopwatch);
                 return Ok(());
             }
         }

@@ -90,7 +90,12 @@ impl Profile {
                 climb_mps: 5.0,
                 descent_mps: 4.0,
             },
-            Self::ArduCopter | Self::Px4 => Ability {
+            // PSC_JERK_XY, which its position controller keeps, is 5 m/s^3.
+            Self::ArduCopter => Ability {
+                jerk_mps3: 60.0,
+                ..Self::Px4.ability()
+            },
+            Self::Px4 => Ability {
                 speed_mps: 40.0,
                 airspeed_mps: 40.0,
                 acceleration_mps2: 12.0,

@@ -37,12 +37,12 @@ pub(crate) fn mission(random: &mut Pcg64Mcg, slots: u32) -> HostMission {
     };
     Mission::new(MissionParameters {
         slots,
-        slot_duration_s: 0.1,
+        slot_duration_s: 1.0,
         start,
         destination,
         area: Area { east_m, north_m },
         altitude_m: 30.0,
-        max_speed_mps: 30.0,
+        max_speed_mps: 3.0,
         carrier_hz: 2e9,
         environment: Environment { a: 9.613, b: 0.158 },
         excess_loss_db: ExcessLoss {

@@ -51,6 +51,8 @@ struct Campaign {
     now: Instant,
     onboard: Onboard<f64, Wanderer>,
     vehicle: Vehicle,
+    /// Where it was at the end of the slot that it last reported.
+    place: Position<f64>,
     ground: Ground,
     faulty: FaultyLink<f64>,
     /// The slot under way as the vehicle reported it, and the state that it should use.
@@ -91,6 +93,7 @@ impl Campaign {
             now: Instant::ZERO,
             onboard: Onboard::new(SETTINGS, controller, client),
             vehicle: Vehicle::new(VehicleSettings::new(Profile::Ideal, origin, p.start)),
+            place: p.start,
             ground: Ground::new(&mission, &random),
             faulty: FaultyLink::new(schedule.clone(), seed),
             plan: None,
@@ -189,12 +192,16 @@ impl Campaign {
             panic!("the vehicle's own frame is damaged: {frame:?}");
         };
         match message {
-            Message::Arrival(arrival) => self.arrival(&arrival.plan, arrival.position),
+            Message::Arrival(arrival) => {
+                // By the time of the command the vehicle may be at the end of the next slot.
+                self.place = self.vehicle.true_position();
+                self.arrival(&arrival.plan, arrival.position);
+            }
             Message::Command(command) => self.command(command),
             Message::Status(status) => assert_eq!(*status, self.onboard.status()),
             Message::ChannelState(_) => panic!("not the vehicle's to send"),
         }
-        let over = self.vehicle.true_position();
+        let over = self.place;
         let heard = self.ground.heard.len();
         let down = self.faulty.down(frame);
         let answer = self.ground.receive(&down, &over);
@@ -336,7 +343,7 @@ impl Campaign {
         self.expected.slots_done += 1;
 
         // What is promised holds at the true channels.
-        let truth = self.ground.truth(slot, &self.vehicle.true_position());
+        let truth = self.ground.truth(slot, &self.place);
         let user_gain = command.served_user.map(|user| truth.user_gains[user]);
         let at_truth = aircomp::Slot {
             sensor_gains: &truth.sensor_gains,
@@ -371,7 +378,7 @@ impl Campaign {
             note(seen, "gains rejected");
         }
         if fresh {
-            self.ground.become_known(&self.vehicle.true_position());
+            self.ground.become_known(&self.place);
         }
         if replaced {
             note(seen, "user replaced");
