@@ -117,10 +117,10 @@ impl VehicleClock {
             // Cannot be full: one was just taken out if it was.
             let _ = self.buckets.push_back(stamp);
             self.estimate_rate();
-        } else if let Some(newest) = self.buckets.back_mut() {
-            if stamp.offset_us(self.rate) < newest.offset_us(self.rate) {
-                *newest = stamp;
-            }
+        } else if let Some(newest) = self.buckets.back_mut()
+            && stamp.offset_us(self.rate) < newest.offset_us(self.rate)
+        {
+            *newest = stamp;
         }
         self.publish(now, smooth);
     }

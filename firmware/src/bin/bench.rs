@@ -20,12 +20,16 @@ use firmware::{
 };
 use firmware_core::{
     Displacement, Position, PowerGain, SENSORS_MAX, USERS_MAX, Watt,
-    autopilot::wire::{self, Address, Encoder, MAX_FRAME},
+    autopilot::{
+        Tick,
+        wire::{self, Address, Encoder, MAX_FRAME},
+    },
     console::BoardMission,
     controller::{ChannelState, Controller},
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
     mission::{Area, Environment, ExcessLoss, MissionParameters},
     policy::{Action, Observation, Policy, mlp::Mlp},
+    time::Instant,
 };
 use mavlink::dialects::common::{
     LOCAL_POSITION_NED_DATA, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA,
@@ -297,6 +301,11 @@ impl<'b> Bench<'b> {
             let arriving = self.arrival(&Arrival {
                 plan,
                 position: here,
+                tick: Tick {
+                    time: Instant::from_micros(u64::from(slot) * 1_000_000),
+                    clock_rate: 1.0,
+                    ..Tick::default()
+                },
             });
             let state = self.gains(&mission, slot, &here, hostile);
             let (state, decoding) = self.decode(&BoardMessage::ChannelState(state));
