@@ -626,8 +626,9 @@ fn a_heartbeat_alone_does_not_bring_the_setpoints_back() {
         let mut model = Model::new(firmware, Coordinates::Local, false);
         model.start(60);
         assert_eq!(model.client.phase(), Phase::Ready);
-        // Heartbeats are missed after 5 s; a position was told just before.
-        for _ in 0..49 {
+        // Heartbeats are missed after 5 s, those of PX4 after 10; a position was told just before.
+        let tenths = if firmware == Firmware::Px4 { 99 } else { 49 };
+        for _ in 0..tenths {
             model.act(&Action::Wait(100));
             model.tell_position(0);
         }

@@ -159,9 +159,6 @@ impl Upload<'_> {
         mut progress: impl FnMut(Progress),
     ) -> Result<u16, FailedUpload> {
         let mut changed = Changed::new();
-        if let Some(words) = short_legs(self.waypoints, self.speed_mps) {
-            progress(Progress::Note(words));
-        }
         let outcome = self.connect_and_transfer(session, client, stop, &mut changed, &mut progress);
         take_events(client, &mut changed, &mut progress);
         match &outcome {
@@ -222,6 +219,9 @@ impl Upload<'_> {
             && self.start
         {
             return Err(FailedUpload::NotReady(refusal.to_string()));
+        }
+        if let Some(words) = short_legs(self.waypoints, self.speed_mps) {
+            progress(Progress::Note(words));
         }
         let settings = *client.settings();
         let Some((to, firmware)) = client.vehicle() else {

@@ -53,33 +53,54 @@ fn flown(folder: &Path, arguments: &[&str]) -> Value {
     serde_json::from_slice(&run.get_output().stdout).unwrap()
 }
 
-/// The default mission with each vehicle in a process of its own, over UDP: arrives, fair, nothing
-/// broken, within 2 % of the ideal flight's rate and 3 m of the plan. The clipping parameters of
+/// The default mission with this vehicle in a process of its own, over UDP: arrives, fair, nothing
+/// broken, at least 0.96 of the ideal flight's rate and 3 m of the plan. The clipping parameters of
 /// those that have some are set for the flight.
+fn fly_over_udp(folder: &Path, ideal_rate: f64, profile: &str, speed: &str) {
+    let (_vehicle, link) = vehicle(profile, speed, &[]);
+    let arguments = ["--profile", profile, "--speed", speed, "--link", &link];
+    let arguments = [&arguments[..], &["--set-params"]].concat();
+    let summary = flown(&folder.join(profile), &arguments);
+    for promise in ["arrived", "fair", "completed"] {
+        assert_eq!(summary[promise], true, "{profile}: {summary}");
+    }
+    assert_eq!(summary["mse_violations"], 0, "{profile}: {summary}");
+    assert_eq!(summary["constraint_violations"], 0, "{profile}: {summary}");
+    let number = |name: &str| summary[name].as_f64().unwrap();
+    assert!(number("sum_rate") > 0.96 * ideal_rate, "{summary}");
+    assert!(number("planned_vs_flown_median_m") < 3.0, "{summary}");
+    // Sixty slots of a second each, on the vehicle's clock, whatever the link did.
+    assert_eq!(number("duration_s"), 60.0, "{summary}");
+}
+
+fn ideal_rate(folder: &Path) -> f64 {
+    let summary = flown(&folder.join("here"), &[]);
+    summary["sum_rate"].as_f64().unwrap()
+}
+
+const PROFILES: [&str; 4] = ["ideal", "multirotor", "arducopter", "px4"];
+
+/// All four at once: eight processes, which is a load on a machine with two cores.
 #[test]
 fn the_mission_is_flown_over_udp_with_every_vehicle() {
     let folder = tempdir().unwrap();
-    let ideal = flown(&folder.path().join("here"), &[]);
-    let ideal = ideal["sum_rate"].as_f64().unwrap();
-    let fly = |profile: &str| {
-        let (_vehicle, link) = vehicle(profile, SPEED, &[]);
-        let arguments = ["--profile", profile, "--speed", SPEED, "--link", &link];
-        let arguments = [&arguments[..], &["--set-params"]].concat();
-        let summary = flown(&folder.path().join(profile), &arguments);
-        for promise in ["arrived", "fair"] {
-            assert_eq!(summary[promise], true, "{profile}: {summary}");
-        }
-        assert_eq!(summary["mse_violations"], 0, "{profile}: {summary}");
-        assert_eq!(summary["constraint_violations"], 0, "{profile}: {summary}");
-        let number = |name: &str| summary[name].as_f64().unwrap();
-        assert!((number("sum_rate") / ideal - 1.0).abs() < 0.02, "{summary}");
-        assert!(number("planned_vs_flown_median_m") < 3.0, "{summary}");
-    };
+    let ideal = ideal_rate(folder.path());
     thread::scope(|scope| {
-        for profile in ["ideal", "multirotor", "arducopter", "px4"] {
-            scope.spawn(move || fly(profile));
+        for profile in PROFILES {
+            let folder = folder.path();
+            scope.spawn(move || fly_over_udp(folder, ideal, profile, SPEED));
         }
     });
+}
+
+/// One after the other, ten times as fast as real time.
+#[test]
+fn the_mission_is_flown_fast_with_every_vehicle() {
+    let folder = tempdir().unwrap();
+    let ideal = ideal_rate(folder.path());
+    for profile in PROFILES {
+        fly_over_udp(folder.path(), ideal, profile, "10");
+    }
 }
 
 /// Without `--set-params` nothing is changed: the mission would be too slow to arrive, is not
@@ -89,7 +110,7 @@ fn a_clipped_vehicle_is_slow_and_the_words_say_why() {
     let folder = tempdir().unwrap();
     let (_vehicle, link) = vehicle("arducopter", "20", &[]);
     let doctor = program("host-sim")
-        .args(["doctor", "--speed", "20", "--link", &link, "--log"])
+        .args(["doctor", "--speed", "20", "--link", &link, "--tlog"])
         .arg(folder.path().join("doctor.tlog"))
         .assert()
         .code(1);

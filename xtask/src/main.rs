@@ -2,12 +2,13 @@
 //!
 //! `cargo xtask firmware build|bench|hil|faults` makes the microcontroller image, measures what
 //! it costs, and flies missions with it in QEMU, some over a damaged link. docs/target.md says
-//! what for.
+//! what for. `cargo xtask flights` writes the table of flights on real autopilots.
 
 mod bench;
 mod build;
 mod elf;
 mod faults;
+mod flights;
 mod hil;
 mod qemu;
 mod tools;
@@ -34,6 +35,8 @@ enum Command {
     /// The microcontroller image
     #[command(subcommand)]
     Firmware(Firmware),
+    /// Write the table of flights on real autopilots into docs/sitl.md, from docs/flights
+    Flights(flights::FlightsArguments),
 }
 
 #[derive(Debug, Subcommand)]
@@ -52,12 +55,10 @@ enum Firmware {
 }
 
 fn main() -> ExitCode {
-    let Command::Firmware(command) = Arguments::parse().command;
+    let command = Arguments::parse().command;
     let done = root().and_then(|root| match command {
-        Firmware::Build(arguments) => build::run(&root, &arguments).map(drop),
-        Firmware::Bench(arguments) => bench::run(&root, &arguments),
-        Firmware::Hil(arguments) => hil::run(&root, &arguments),
-        Firmware::Faults(arguments) => faults::run(&root, &arguments),
+        Command::Flights(arguments) => flights::run(&root, &arguments),
+        Command::Firmware(command) => firmware(&root, command),
     });
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -65,6 +66,15 @@ fn main() -> ExitCode {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
         }
+    }
+}
+
+fn firmware(root: &Path, command: Firmware) -> Result<()> {
+    match command {
+        Firmware::Build(arguments) => build::run(root, &arguments).map(drop),
+        Firmware::Bench(arguments) => bench::run(root, &arguments),
+        Firmware::Hil(arguments) => hil::run(root, &arguments),
+        Firmware::Faults(arguments) => faults::run(root, &arguments),
     }
 }
 
