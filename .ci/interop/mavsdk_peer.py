@@ -26,7 +26,7 @@ from mavsdk.asyncio.plugins.param import ParamAsync  # noqa: E402
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync  # noqa: E402
 from mavsdk.plugins.action_server import ActionServer  # noqa: E402
 from mavsdk.plugins.mavlink_direct_server import MavlinkDirectServer, MavlinkMessage  # noqa: E402
-from mavsdk.plugins.mission_raw import MissionItem  # noqa: E402
+from mavsdk.plugins.mission_raw import MissionItem, MissionRawError  # noqa: E402
 from mavsdk.plugins.mission_raw_server import MissionRawServer  # noqa: E402
 from mavsdk.plugins.offboard import PositionNedYaw  # noqa: E402
 from mavsdk.plugins.param_server import ParamServer  # noqa: E402
@@ -95,7 +95,15 @@ async def ground_station(profile, speed_parameter, takes_off):
                         x=-353600000 + 1000 * n, y=1491600000 - 1000 * n, z=50.0 + n)
             for n in range(40)
         ]
-        await mission.upload_mission(items)
+        # As the real one, an ArduCopter has no space in the first seconds after it has booted.
+        for attempt in range(20):
+            try:
+                await mission.upload_mission(items)
+                break
+            except MissionRawError as error:
+                if attempt == 19 or "TOO_MANY_MISSION_ITEMS" not in str(error):
+                    raise
+                await asyncio.sleep(0.3)
         got = await mission.download_mission()
         check([(i.seq, i.x, i.y, i.z) for i in got] == [(i.seq, i.x, i.y, i.z) for i in items],
               f"{profile}: the mission differs")

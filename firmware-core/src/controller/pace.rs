@@ -33,6 +33,8 @@ pub(super) struct Pace<T: Scalar> {
 impl<T: Scalar> Pace<T> {
     /// Slots in a row that prove a vehicle slower than asked.
     const PROOF: u8 = 3;
+    /// The share of what the shield counts on from which a slot asks for nearly everything.
+    const DEMANDING: f64 = 0.9;
     /// The share of the asked way below which a slot falls short.
     const SHORT: f64 = 0.98;
     /// A slot that goes further than the last one by more than this share of the asked way gains
@@ -114,7 +116,9 @@ impl<T: Scalar> Pace<T> {
             self.held_m = self.held_m.max(flown_m.min(self.most_m()));
         }
         let gains = flown_m > last_m + asked_m * T::of(Self::GAINS);
-        let falls_short = flown_m < asked_m * T::of(Self::SHORT);
+        // Only a slot that asks for nearly everything shows what everything is.
+        let asked_for_it = asked_m >= self.held_m.min(self.most_m()) * T::of(Self::DEMANDING);
+        let falls_short = asked_for_it && flown_m < asked_m * T::of(Self::SHORT);
         if turned || gains || !falls_short {
             self.short = 0;
             self.best_m = T::zero();

@@ -48,7 +48,7 @@ const SETTLE: Duration = Duration::from_millis(500);
 /// A way-point counts as reached this near, m.
 const REACHED_M: f64 = 2.0;
 /// ArduCopter has no space for a mission until this long after it has booted.
-const NO_SPACE_UNTIL: Instant = Instant::from_micros(15_000_000);
+const NO_SPACE_UNTIL: Instant = Instant::from_micros(2_400_000);
 /// The most items that are stored.
 const CAPACITY: u16 = 700;
 
