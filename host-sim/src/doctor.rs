@@ -191,7 +191,7 @@ pub fn without_us(
     }
 }
 
-/// ArduCopter counts the heartbeats of one system id, whoever else is there.
+/// ArduCopter counts the heartbeats of one system id only.
 fn arducopter_ground_failsafe(own_system: u8, parameter: impl Fn(&str) -> Option<f32>) -> String {
     let action = match parameter("FS_GCS_ENABLE").map(|value| value as i32) {
         None => return "FS_GCS_ENABLE could not be read".into(),

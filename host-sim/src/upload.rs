@@ -31,7 +31,7 @@ pub struct Upload<'a> {
     pub patience: Duration,
 }
 
-/// What happens during an upload, for whoever shows it.
+/// What happens during an upload, to be shown to a person.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress {
     /// The autopilot has asked for so many items.

@@ -1,4 +1,4 @@
-//! Parameters that were set for a flight come back, whoever ends it.
+//! Parameters that were set for a flight are put back, also if somebody else ends the flight.
 
 use std::{
     path::Path,
