@@ -262,14 +262,13 @@ impl<T: Scalar> ReachableSet<T> {
             mission.slots().saturating_sub(slot) + 1,
             mission.reach_m(),
         );
-        let whole = agility;
         let Rectangle {
             south_west,
             north_east,
         } = &mut set.area;
         let slots_after = mission.slots().saturating_sub(slot);
         // A vehicle that turns round brakes along the border, too.
-        let agility = Agility {
+        let beside_border = Agility {
             gain_m: agility.gain_m * T::of(BORDER_GAIN_SHARE),
             ..*agility
         };
@@ -285,15 +284,14 @@ impl<T: Scalar> ReachableSet<T> {
             let step_m = |last_m: T, room_m: T| {
                 let last_m = last_m.max(T::zero());
                 // Too late for that: with more than can be relied on.
-                let braked_m = (last_m - agility.gain_m * T::of(2.0)).max(T::zero());
-                let allowed_m = agility.allowed_m(last_m, room_m).unwrap_or(braked_m);
-                allowed_m.max(agility.ended_m(last_m, room_m, slots_after))
+                let braked_m = (last_m - beside_border.gain_m * T::of(2.0)).max(T::zero());
+                let allowed_m = beside_border.allowed_m(last_m, room_m).unwrap_or(braked_m);
+                allowed_m.max(beside_border.ended_m(last_m, room_m, slots_after))
             };
             south_west[axis] = (inside - step_m(-drift_m, inside - low)).max(low);
             north_east[axis] = (inside + step_m(drift_m, high - inside)).min(high);
         }
         let home = set.home.center - from;
-        let agility = whole;
         let away_m = home.norm();
         let slots_left = T::count((mission.slots().saturating_sub(slot) + 1) as usize);
         let spare_m = (slots_left + T::of(ARRIVAL_SHARE)) * agility.reach_m - away_m;

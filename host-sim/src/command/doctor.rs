@@ -186,6 +186,18 @@ fn default_journal() -> PathBuf {
 /// Puts parameters back and says so.
 fn restore(arguments: &DoctorArguments) -> Result<(), Failure> {
     let (autopilot, file) = (&arguments.autopilot, &arguments.journal);
+    // Where a run leaves its journal, none means that nothing was left changed. Another name that is
+    // not there is a slip.
+    let named_by_run = file
+        .file_name()
+        .is_some_and(|name| name == journal::FILE_NAME);
+    if !named_by_run && !file.exists() {
+        return Err(Failure::bad_input(format!(
+            "--journal {}: no such file; a run leaves {} in its --out",
+            file.display(),
+            journal::FILE_NAME
+        )));
+    }
     let journal = ParameterJournal::open(file, &autopilot.link_name());
     let mut journal = journal.map_err(Failure::bad_input)?;
     if journal.is_empty() {
