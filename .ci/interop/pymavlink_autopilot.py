@@ -44,7 +44,7 @@ class Autopilot(threading.Thread):
             dialect="ardupilotmega")
         if key:
             self.link.setup_signing(key, sign_outgoing=True)
-        self.parameters = {"WPNAV_SPEED": 1000.0, "WPNAV_ACCEL": 250.0, "ANGLE_MAX": 3000.0,
+        self.parameters = {"WPNAV_SPEED": 1000.0, "WPNAV_ACCEL": 250.0, "ANGLE_MAX": 3000.0, "PSC_JERK_XY": 5.0,
                            "FS_GCS_ENABLE": 1.0, "GUID_TIMEOUT": 3.0, "FENCE_ENABLE": 0.0}
         self.highest = dict(self.parameters)
         self.mode, self.armed, self.landed = 0, False, False
@@ -210,7 +210,8 @@ def pilot_takes_over(folder):
     """From the ground station beside, in the middle of the mission: nothing moves it any more."""
     vehicle = Autopilot()
     # Fast enough as it is: parameters that were set would be put back after the landing only.
-    vehicle.parameters.update(WPNAV_SPEED=3500.0, WPNAV_ACCEL=1000.0, ANGLE_MAX=4500.0)
+    vehicle.parameters.update(WPNAV_SPEED=3500.0, WPNAV_ACCEL=1000.0, ANGLE_MAX=4500.0,
+                              PSC_JERK_XY=20.0)
     vehicle.start()
     station = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=254)
     port = station.port.getsockname()[1]

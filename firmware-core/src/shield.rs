@@ -178,13 +178,13 @@ impl<T: Scalar> Agility<T> {
 
 /// The share of `V_max delta` within which a vehicle with inertia is to arrive. Where it turns
 /// back as late as it may, every imprecision of its flight adds to the distance that remains.
-const ARRIVAL_SHARE: f64 = 0.4;
+const ARRIVAL_SHARE: f64 = 0.3;
 /// The share of `V_max delta` past the destination within which a vehicle with inertia has to be
 /// able to stop.
 const PASSING_SHARE: f64 = 0.5;
 /// The share of `V_max delta` by which a vehicle with inertia keeps off the border of the area,
 /// for the same reason.
-const BORDER_SHARE: f64 = 0.2;
+const BORDER_SHARE: f64 = 0.25;
 /// The share of the acceleration that brakes before a border.
 const BORDER_GAIN_SHARE: f64 = 0.4;
 

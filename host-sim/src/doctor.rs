@@ -353,6 +353,7 @@ pub fn parameter_table(speed_mps: f32) -> String {
                 ("speed", _) => "m/s",
                 ("acceleration", Some(100.0)) => "cm/s²",
                 ("acceleration", _) => "m/s²",
+                ("the change of acceleration", _) => "m/s³",
                 (_, Some(100.0)) => "0.01°",
                 _ => "°",
             };

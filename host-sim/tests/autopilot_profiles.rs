@@ -21,6 +21,7 @@ fn fast(profile: Profile) -> Vec<(String, f32)> {
             ("WPNAV_SPEED", 3500.0),
             ("WPNAV_ACCEL", 1000.0),
             ("ANGLE_MAX", 4500.0),
+            ("PSC_JERK_XY", 20.0),
         ],
         Profile::Px4 => &[
             ("MPC_XY_VEL_MAX", 35.0),
@@ -305,10 +306,11 @@ const ARM: MavCmd = MavCmd::MAV_CMD_COMPONENT_ARM_DISARM;
 const TAKEOFF: MavCmd = MavCmd::MAV_CMD_NAV_TAKEOFF;
 const ACCEPTED: Option<MavResult> = Some(MavResult::MAV_RESULT_ACCEPTED);
 const FAILED: Option<MavResult> = Some(MavResult::MAV_RESULT_FAILED);
-const FAST: [(&str, f32); 3] = [
+const FAST: [(&str, f32); 4] = [
     ("WPNAV_SPEED", 3500.0),
     ("WPNAV_ACCEL", 1000.0),
     ("ANGLE_MAX", 4500.0),
+    ("PSC_JERK_XY", 20.0),
 ];
 
 #[test]

@@ -81,14 +81,15 @@ impl Policy<f64, USERS_MAX> for Wanderer {
 
 /// Flies vehicles with inertia, slow and fast, that are sent about at random until the shield sends
 /// them home. Returns how many broke a constraint, and how many the shield had to act on: those
-/// that ended further than 0.3 of a slot's way from the destination.
-fn sent_about(flights: u64, profiles: [Profile; 2]) -> (usize, usize) {
+/// that ended further than 0.25 of a slot's way from the destination.
+fn sent_about(flights: u64) -> (usize, usize) {
+    const PROFILES: [Profile; 3] = [Profile::Multirotor, Profile::ArduCopter, Profile::Px4];
     let shipped = Scenario::shipped("separated").unwrap();
     let distances: Vec<f64> = (0..flights)
         .into_par_iter()
         .map(|seed| {
             let mut random = Pcg64Mcg::seed_from_u64(seed);
-            let profile = profiles[seed as usize % 2];
+            let profile = PROFILES[seed as usize % PROFILES.len()];
             let max_speed_mps = 2.0 * 16_f64.powf(random.random());
             let slots = random.random_range(30..90_i64);
             let mut place =
@@ -148,7 +149,10 @@ fn sent_about(flights: u64, profiles: [Profile; 2]) -> (usize, usize) {
         .iter()
         .filter(|distance| distance.is_infinite())
         .count();
-    let acted = distances.iter().filter(|&&distance| distance > 0.3).count();
+    let acted = distances
+        .iter()
+        .filter(|&&distance| distance > 0.25)
+        .count();
     println!("{broken} of {flights} broke a constraint; {acted} were sent home just in time");
     (broken, acted)
 }
@@ -156,19 +160,9 @@ fn sent_about(flights: u64, profiles: [Profile; 2]) -> (usize, usize) {
 /// All arrive without having broken a constraint.
 #[test]
 fn a_vehicle_with_inertia_arrives_from_wherever_it_is_sent() {
-    let (broken, acted) = sent_about(500, [Profile::Multirotor, Profile::Px4]);
+    let (broken, acted) = sent_about(1000);
     assert_eq!(broken, 0);
-    assert!(acted > 250, "{acted}");
-}
-
-/// A known shortfall, measured so that it can only get better: ArduCopter changes its acceleration
-/// by 5 m/s^3 at most (PSC_JERK_XY), as its stand-in does since it reproduces the recorded flights,
-/// and neither the guidance nor the shield plans with that yet.
-#[test]
-fn arducopters_jerk_limit_breaks_some_random_flights() {
-    let (broken, acted) = sent_about(250, [Profile::ArduCopter; 2]);
-    assert!(broken <= 60, "{broken}");
-    assert!(acted > 125, "{acted}");
+    assert!(acted > 500, "{acted}");
 }
 
 /// What each freedom is worth, on one path: Alg. 1 nearly reaches the optimum, and a scheme that
@@ -224,7 +218,7 @@ fn fly_with_parameters_set(
 #[test]
 fn parameters_are_set_for_the_flight_and_put_back() {
     let ideal = flown(Profile::Ideal).summary().sum_rate;
-    for (profile, set) in [(Profile::ArduCopter, 3), (Profile::Px4, 3)] {
+    for (profile, set) in [(Profile::ArduCopter, 4), (Profile::Px4, 3)] {
         let record = fly_with_parameters_set(profile, &mut ()).unwrap();
         let summary = record.summary();
         assert!(summary.arrived && summary.fair, "{summary:#?}");

@@ -117,10 +117,11 @@ fn set(vehicle: &mut VehicleSettings, parameters: &[(&str, f32)]) {
     vehicle.parameters = all.collect();
 }
 
-const FAST: [(&str, f32); 3] = [
+const FAST: [(&str, f32); 4] = [
     ("WPNAV_SPEED", 3500.0),
     ("WPNAV_ACCEL", 1000.0),
     ("ANGLE_MAX", 4500.0),
+    ("PSC_JERK_XY", 20.0),
 ];
 
 #[test]
@@ -305,7 +306,12 @@ fn the_outcome_is_predicted_from_the_parameters() {
         "{slow}"
     );
     // Enough for the way, not for its accelerations.
-    let sluggish = predict(&[("WPNAV_SPEED", 2250.0), ("WPNAV_ACCEL", 50.0), FAST[2]]);
+    let sluggish = predict(&[
+        ("WPNAV_SPEED", 2250.0),
+        ("WPNAV_ACCEL", 50.0),
+        FAST[2],
+        FAST[3],
+    ]);
     assert!(!sluggish.flight.unwrap().arrives, "{sluggish}");
     assert!(
         sluggish.to_string().contains("would not arrive"),

@@ -182,7 +182,7 @@ fn after_a_takeover_parameters_wait_for_the_pilot_to_land() {
     );
     let failed = flown.unwrap_err();
     assert!(waited_armed, "{said:#?}");
-    assert_eq!(count(&said, " put back to "), 3, "{said:#?}");
+    assert_eq!(count(&said, " put back to "), 4, "{said:#?}");
     let position = |part: &str| said.iter().position(|words| words.contains(part));
     assert!(position("disarmed").unwrap() < position(" put back to ").unwrap());
     assert!(!folder.path().join(FILE_NAME).exists());
@@ -205,7 +205,7 @@ fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
     assert!(!record.completed && record.ended.contains("nothing heard for 25 s"));
     let slots = record.slots.len();
     assert!((3..=8).contains(&slots), "{slots}");
-    assert_eq!(count(&said, " was NOT put back"), 3, "{said:#?}");
+    assert_eq!(count(&said, " was NOT put back"), 4, "{said:#?}");
     assert!(folder.path().join(FILE_NAME).exists());
 
     // The vehicle has been fetched, and kept what was set; its link is mended.
@@ -216,6 +216,7 @@ fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
             ("WPNAV_SPEED".into(), 3500.0),
             ("WPNAV_ACCEL".into(), 1000.0),
             ("ANGLE_MAX".into(), 4500.0),
+            ("PSC_JERK_XY".into(), 20.0),
         ];
         aloft.vehicle = Vehicle::new(fetched);
         aloft.begin = std::time::Instant::now();
@@ -226,7 +227,7 @@ fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
     assert!(second.is_ok(), "{said:#?}");
     assert_eq!(count(&said, "which an earlier run left changed"), 1);
     // Put back, set for the flight, and put back after it.
-    assert_eq!(count(&said, " put back to "), 6, "{said:#?}");
-    assert_eq!(count(&said, " set from "), 3, "{said:#?}");
+    assert_eq!(count(&said, " put back to "), 8, "{said:#?}");
+    assert_eq!(count(&said, " set from "), 4, "{said:#?}");
     assert!(!folder.path().join(FILE_NAME).exists());
 }

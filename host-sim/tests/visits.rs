@@ -136,7 +136,7 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
         notes.contains("half of the legs are shorter than 30 m"),
         "{notes}"
     );
-    let old = "they were: WPNAV_SPEED 1000, WPNAV_ACCEL 250, ANGLE_MAX 3000";
+    let old = "they were: WPNAV_SPEED 1000, WPNAV_ACCEL 250, ANGLE_MAX 3000, PSC_JERK_XY 5";
     assert!(notes.contains(old), "{notes}");
     let diagnosis = diagnose(&process, Profile::ArduCopter, None, 60);
     assert!(diagnosis.slows.is_empty(), "{diagnosis}");

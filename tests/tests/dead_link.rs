@@ -150,7 +150,12 @@ fn a_killed_autopilot_ends_the_run_and_the_doctor_restores() {
     );
     assert!(said.contains("host-sim doctor --restore"), "{said}");
 
-    let left = ["WPNAV_SPEED=3500", "WPNAV_ACCEL=1000", "ANGLE_MAX=4500"];
+    let left = [
+        "WPNAV_SPEED=3500",
+        "WPNAV_ACCEL=1000",
+        "ANGLE_MAX=4500",
+        "PSC_JERK_XY=20",
+    ];
     let _vehicle = vehicle(&listen, &left);
     let journal = journal(&folder);
     let doctor = restore(&link, &journal);
@@ -160,6 +165,7 @@ fn a_killed_autopilot_ends_the_run_and_the_doctor_restores() {
         "WPNAV_SPEED put back to 1000",
         "WPNAV_ACCEL put back to 250",
         "ANGLE_MAX put back to 3000",
+        "PSC_JERK_XY put back to 5",
     ] {
         assert!(words.contains(value), "{words}");
     }
@@ -242,7 +248,7 @@ fn ctrl_c_says_what_it_waits_for_and_a_second_one_leaves() {
         let (code, _, said, folder) = run.end();
         assert_eq!(code, if presses == 2 { 130 } else { 1 }, "{said}");
         assert_eq!(said.contains("  landed"), presses == 1, "{said}");
-        for name in ["WPNAV_SPEED", "WPNAV_ACCEL", "ANGLE_MAX"] {
+        for name in ["WPNAV_SPEED", "WPNAV_ACCEL", "ANGLE_MAX", "PSC_JERK_XY"] {
             assert!(said.contains(&format!("{name} put back")), "{said}");
         }
         assert!(!journal(&folder).exists());

@@ -119,6 +119,7 @@ fn a_clipped_vehicle_is_slow_and_the_words_say_why() {
         "WPNAV_SPEED is 1000: it clips speed; set it to 3500",
         "WPNAV_ACCEL is 250: it clips acceleration; set it to 1000",
         "ANGLE_MAX is 3000: it clips lean, and so speed; set it to 4500",
+        "PSC_JERK_XY is 5: it clips the change of acceleration; set it to 20",
     ] {
         assert!(words.contains(advice), "{advice}: {words}");
     }

@@ -29,6 +29,8 @@ enum Bears {
     Speed(f32),
     /// Horizontal acceleration; the parameter's unit times this is one m/s^2.
     Acceleration(f32),
+    /// Largest change of the horizontal acceleration; the parameter's unit times this is one m/s^3.
+    Jerk(f32),
     /// Largest lean; the parameter's unit times this is one degree.
     Lean(f32),
     /// Largest lean of the position controller alone, degrees; 0 for none of its own.
@@ -59,7 +61,7 @@ const fn rule(name: &'static str, bears: Bears) -> Rule {
     }
 }
 
-static ARDUCOPTER: [Rule; 16] = [
+static ARDUCOPTER: [Rule; 18] = [
     rule("WPNAV_SPEED", Bears::Speed(100.0)),
     Rule {
         name: "WP_SPD",
@@ -79,6 +81,12 @@ static ARDUCOPTER: [Rule; 16] = [
         bears: Bears::Lean(1.0),
     },
     rule("PSC_ANGLE_MAX", Bears::OwnLean),
+    rule("PSC_JERK_XY", Bears::Jerk(1.0)),
+    Rule {
+        name: "PSC_JERK_NE",
+        instead_of: Some("PSC_JERK_XY"),
+        bears: Bears::Jerk(1.0),
+    },
     rule("FS_GCS_ENABLE", Bears::Kept),
     rule("FS_GCS_TIMEOUT", Bears::Kept),
     rule("SYSID_MYGCS", Bears::Kept),
@@ -215,6 +223,11 @@ impl Needs {
         tenths(self.speed_mps / 3.0)
     }
 
+    /// From that acceleration to its opposite within a second: 20 m/s^3 at 30 m/s.
+    fn jerk_mps3(&self) -> f32 {
+        tenths(self.speed_mps / 1.5)
+    }
+
     /// A lean that holds this speed against the drag of an ordinary airframe and leaves some for
     /// accelerating: 45 degrees at 30 m/s.
     fn lean_deg(&self) -> f32 {
@@ -238,6 +251,7 @@ impl Bears {
             Self::OwnLean => (needs.lean_deg(), "lean, and so speed"),
             Self::Speed(unit) => (needs.speed_mps() * unit, "speed"),
             Self::Acceleration(unit) => (needs.acceleration_mps2() * unit, "acceleration"),
+            Self::Jerk(unit) => (needs.jerk_mps3() * unit, "the change of acceleration"),
             Self::Lean(unit) => (needs.lean_deg() * unit, "lean, and so speed"),
         })
     }
@@ -266,6 +280,7 @@ impl Bears {
             Self::Acceleration(unit) => {
                 limits.acceleration_mps2 = limits.acceleration_mps2.min(within(unit));
             }
+            Self::Jerk(unit) => limits.jerk_mps3 = limits.jerk_mps3.min(within(unit)),
             Self::Lean(_) | Self::OwnLean | Self::Note { .. } | Self::Kept => {}
         }
     }
@@ -293,7 +308,10 @@ pub fn advice(firmware: Firmware, speed_mps: f32) -> impl Iterator<Item = Advice
         instead_of: rule.instead_of,
         needed: rule.bears.needed(&Needs { speed_mps }),
         unit: match rule.bears {
-            Bears::Speed(unit) | Bears::Acceleration(unit) | Bears::Lean(unit) => Some(unit),
+            Bears::Speed(unit)
+            | Bears::Acceleration(unit)
+            | Bears::Jerk(unit)
+            | Bears::Lean(unit) => Some(unit),
             Bears::OwnLean => Some(1.0),
             Bears::Note { .. } | Bears::Kept => None,
         },
@@ -343,10 +361,10 @@ impl ChangedParameter {
 }
 
 /// The most parameters that can clip a mission; no autopilot here has more rules.
-const CHANGES: usize = 8;
+const CHANGES: usize = 9;
 
 /// The most parameters that are read; no autopilot here has more rules.
-const VALUES: usize = 16;
+const VALUES: usize = 18;
 
 /// Reads one parameter after the other, sets those that clip if it may, and puts them back.
 #[derive(Clone, Debug, Default)]
@@ -360,6 +378,8 @@ pub(super) struct Reader {
     setting: Option<(f32, f32)>,
     /// What was read, in each parameter's own unit.
     values: Vec<(&'static str, f32), VALUES>,
+    /// The lowest speed that a parameter left before any was set, m/s.
+    found_mps: Option<f32>,
     /// The parameter that leaves the lowest speed below the mission's, and what it should be.
     slowest: Option<(&'static str, f32)>,
     /// What is not as it was found, oldest first; the last is put back first.
@@ -421,6 +441,11 @@ impl Reader {
     /// should be.
     pub(super) fn slowest(&self) -> Option<(&'static str, f32)> {
         self.slowest
+    }
+
+    /// The lowest speed that a parameter left before any was set, m/s; `None` where none limits it.
+    pub(super) fn found_mps(&self) -> Option<f32> {
+        self.found_mps
     }
 
     /// Obeys and remembers what a parameter finally is.
@@ -540,6 +565,10 @@ impl Reader {
                     to: value,
                 }
             });
+        }
+        if let Bears::Speed(unit) = rule.bears {
+            let found_mps = value / unit * MARGIN as f32;
+            self.found_mps = Some(self.found_mps.map_or(found_mps, |mps| mps.min(found_mps)));
         }
         let finding = rule.bears.judge(rule.name, value, needs);
         if let Some(Finding::Clips { needed, .. }) = finding
@@ -760,6 +789,7 @@ mod tests {
             ("WPNAV_ACCEL", 250.0),
             ("ANGLE_MAX", 3000.0),
             ("PSC_ANGLE_MAX", 0.0),
+            ("PSC_JERK_XY", 5.0),
             ("FS_GCS_ENABLE", 1.0),
             ("FS_GCS_TIMEOUT", 5.0),
             ("SYSID_MYGCS", 255.0),
@@ -777,7 +807,8 @@ mod tests {
             [
                 "WPNAV_SPEED set from 1000 to 3500",
                 "WPNAV_ACCEL set from 250 to 1000",
-                "ANGLE_MAX set from 3000 to 4500"
+                "ANGLE_MAX set from 3000 to 4500",
+                "PSC_JERK_XY set from 5 to 20"
             ]
         );
         assert!(limits.speed_mps > 30.0);
@@ -785,7 +816,7 @@ mod tests {
         assert_eq!(values[..3].iter().map(|v| v.1).sum::<f32>(), 9000.0);
         let (_, said) = play(&mut reader, &mut values, true, true, |n| n / 6 % 2 == 0);
         assert_eq!(values, found);
-        assert!(reader.is_restored() && said.len() == 3, "{said:?}");
+        assert!(reader.is_restored() && said.len() == 4, "{said:?}");
     }
 
     /// An autopilot that refuses is obeyed; one that falls silent leaves us with words.
@@ -819,9 +850,10 @@ mod tests {
                 if let Some(MavMessage::PARAM_REQUEST_READ(request)) = request {
                     let name = request.param_id.to_str().unwrap().to_string();
                     let newer = name.starts_with("WP_")
-                        || ["ATC_ANGLE_MAX", "MAV_GCS_SYSID"].contains(&name.as_str());
+                        || ["ATC_ANGLE_MAX", "PSC_JERK_NE", "MAV_GCS_SYSID"]
+                            .contains(&name.as_str());
                     let older = name.starts_with("WPNAV_")
-                        || ["ANGLE_MAX", "SYSID_MYGCS"].contains(&name.as_str());
+                        || ["ANGLE_MAX", "PSC_JERK_XY", "SYSID_MYGCS"].contains(&name.as_str());
                     let exists = !(newer && old_exists || older && !old_exists);
                     let answer = PARAM_VALUE_DATA {
                         param_id: request.param_id,
@@ -835,7 +867,13 @@ mod tests {
                 }
                 now += Duration::from_millis(100);
             }
-            for newer in ["WP_SPD", "WP_ACC", "ATC_ANGLE_MAX", "MAV_GCS_SYSID"] {
+            for newer in [
+                "WP_SPD",
+                "WP_ACC",
+                "ATC_ANGLE_MAX",
+                "PSC_JERK_NE",
+                "MAV_GCS_SYSID",
+            ] {
                 let asks = asked.iter().any(|name| name == newer);
                 assert_eq!(asks, !old_exists, "{newer}: {asked:?}");
             }

@@ -31,6 +31,13 @@ pub enum Event {
     Waiting(Obstacle),
     /// The start is refused: what does not fit cannot be cured by waiting.
     Refused(PreflightRefusal),
+    /// The trial leg has shown that the airframe is slower than it was told to fly.
+    SlowAirframe {
+        /// The largest speed of the reference, m/s.
+        asked_mps: f32,
+        /// The largest that was measured, m/s.
+        reached_mps: f32,
+    },
     /// What the checks found.
     Finding(Finding),
     /// The autopilot says something itself.
@@ -85,6 +92,13 @@ impl fmt::Display for Event {
             Self::Phase(phase) => write!(f, "{phase}"),
             Self::Waiting(obstacle) => write!(f, "waiting: {obstacle}"),
             Self::Refused(refusal) => write!(f, "not started: {refusal}"),
+            Self::SlowAirframe {
+                asked_mps,
+                reached_mps,
+            } => write!(
+                f,
+                "the airframe reached {reached_mps:.1} m/s where {asked_mps:.1} m/s were asked for"
+            ),
             Self::Finding(finding) => write!(f, "{finding}"),
             Self::Text { text, .. } => write!(f, "autopilot: {text}"),
             Self::Mode { firmware, mode } => {

@@ -42,6 +42,8 @@ pub enum Cause {
     CommandFailed,
     /// A stage of the start took too long.
     StageTimedOut,
+    /// The trial leg has shown that the airframe cannot reach the destination in time.
+    TooSlow,
 }
 
 /// What is sent when it happens in flight.
@@ -69,7 +71,7 @@ pub struct Row {
 }
 
 /// The whole of it.
-pub static TABLE: [Row; 14] = [
+pub static TABLE: [Row; 15] = [
     Row {
         cause: Cause::HeartbeatLost,
         detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s; with PX4, which sends one a second, 10 s)",
@@ -154,6 +156,12 @@ pub static TABLE: [Row; 14] = [
         reaction: Reaction::Land,
         ends: "landed and disarmed, or never taken off",
     },
+    Row {
+        cause: Cause::TooSlow,
+        detected: "the speed that the trial leg before the first slot showed, below what the way to the destination needs",
+        reaction: Reaction::Land,
+        ends: "flown back to the start, landed and disarmed",
+    },
 ];
 
 impl Cause {
@@ -183,6 +191,7 @@ impl fmt::Display for Cause {
             Self::StopAsked => "stop asked for",
             Self::CommandFailed => "a needed command failed",
             Self::StageTimedOut => "a stage took too long",
+            Self::TooSlow => "the airframe is too slow for the mission",
         })
     }
 }

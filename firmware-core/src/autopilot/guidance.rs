@@ -123,9 +123,6 @@ const HALVINGS: usize = 9;
 /// swings for ever. Without any pace a fast vehicle overshoots a place to hover at again and again.)
 const PACE: f64 = 0.3;
 const CORRECTION: f64 = 0.35;
-/// The share of a leg's mean acceleration that it ends with. With all of it a vehicle gathers speed
-/// soonest; with none a change of mind shows soonest.
-const KEPT: f64 = 0.5;
 /// Times that are tried for a stop, and by what factor each is longer than the last.
 const STOPS: usize = 20;
 const STOP_GROWTH: f64 = 1.04;
@@ -278,13 +275,14 @@ impl<T: Scalar> Trajectory<T> {
         let behind = (waypoint - from.position) / t - pace;
         let correction = behind * T::of(1.0 - PACE) + left * (T::of(CORRECTION) / t);
         let velocity = shorten(pace + shorten(correction, brakable), limits.speed_mps);
-        let wanted = shorten((velocity - from.velocity) / t, limits.acceleration_mps2);
+        let change = (velocity - from.velocity) / t;
+        let wanted = shorten(change, limits.acceleration_mps2);
         let let_go = from.acceleration * half;
         // A share of zero lets go: the acceleration fades linearly. Otherwise it is a parabola
-        // over the leg, with the mean that is wanted, and ends with a share of it.
+        // over the leg, with the mean that is wanted, and ends with what is still to be changed.
         let toward = |share: T| {
             let mean = let_go + (wanted - let_go) * share;
-            let acceleration = wanted * (share * T::of(KEPT));
+            let acceleration = shorten(change - mean, limits.acceleration_mps2) * share;
             let bend = (from.acceleration + acceleration) * T::of(3.0) - mean * T::of(6.0);
             let slope = acceleration - from.acceleration - bend;
             let moved =
@@ -315,6 +313,15 @@ impl<T: Scalar> Trajectory<T> {
             }
         }
         toward(kept).0
+    }
+
+    /// How long a [`transit`](Self::transit) from rest is that reaches `speed_mps`, m.
+    pub fn run_up_m(speed_mps: T, limits: &Limits<T>) -> T {
+        let speed_mps = speed_mps.min(limits.speed_mps);
+        let square = speed_mps * speed_mps;
+        let by_acceleration = square / limits.acceleration_mps2 * T::of(1.6424);
+        let by_jerk = (square * speed_mps / limits.jerk_mps3).sqrt() * T::of(3.0172);
+        by_acceleration.max(by_jerk)
     }
 
     /// Straight to `place`, ending at rest, in the least time for which a start from rest
@@ -411,6 +418,11 @@ impl<T: Scalar> Guide<T> {
             last: (place, now),
             grace,
         }
+    }
+
+    /// What the vehicle can do is something else than was thought: from the next trajectory on.
+    pub(super) fn set_limits(&mut self, limits: Limits<T>) {
+        self.limits = limits;
     }
 
     /// What the vehicle can do.

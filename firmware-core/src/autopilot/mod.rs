@@ -32,7 +32,7 @@
 //! between autopilots · [`guidance`] trajectories · `command` acknowledged commands ·
 //! `telemetry` what the vehicle last said · `sequence` the phases · [`failsafe`] what can go
 //! wrong · `checks` what is looked at before a flight · [`mission`] upload of a whole mission ·
-//! [`preflight`] what refuses a start.
+//! [`preflight`] what refuses a start · `trial` what speed the airframe reaches.
 
 mod checks;
 pub mod clock;
@@ -49,6 +49,7 @@ mod sequence;
 mod settings;
 mod telemetry;
 mod transmit;
+mod trial;
 pub mod wire;
 
 use core::fmt;
@@ -92,6 +93,8 @@ pub enum Phase {
     TakingOff,
     /// Flies to the mission's start.
     Transit,
+    /// Flies towards the destination and back, to show what speed the airframe reaches.
+    Trial,
     /// Holds at the start; legs may come.
     Ready,
     /// Flies a leg.
@@ -115,7 +118,7 @@ impl Phase {
     pub fn is_flying(self) -> bool {
         matches!(
             self,
-            Self::Transit | Self::Ready | Self::Leg | Self::LegEnded
+            Self::Transit | Self::Trial | Self::Ready | Self::Leg | Self::LegEnded
         )
     }
 
@@ -135,6 +138,7 @@ impl fmt::Display for Phase {
             Self::Arming => "arming",
             Self::TakingOff => "taking off",
             Self::Transit => "flying to the start",
+            Self::Trial => "trying what speed the airframe reaches",
             Self::Ready => "ready",
             Self::Leg => "flying a leg",
             Self::LegEnded => "leg ended",
@@ -244,6 +248,10 @@ struct ActiveLeg<T: Scalar> {
     ended: Option<LegEnd<T>>,
 }
 
+/// The share of the mission's speed that the reference of a leg has at most: a vehicle that is
+/// behind catches up by getting nearer, not by flying further in a slot than it may.
+const LEG_SPEED: f64 = 0.985;
+
 /// Setpoint timing and the last one sent.
 #[derive(Clone, Copy, Debug)]
 struct Stream<T: Scalar> {
@@ -275,6 +283,9 @@ pub struct Autopilot<T: Scalar> {
     reader: Reader,
     /// What the vehicle can do: the settings' limits within the parameters'.
     limits: Limits<T>,
+    /// What the airframe reaches, as it is known or as the trial leg has shown, m/s.
+    airframe_mps: Option<T>,
+    trial: Option<trial::Trial<T>>,
     /// What the vehicle's parameters leave.
     parameter_limits: Limits<T>,
     /// When the origin of the local frame is asked for next.
@@ -315,10 +326,12 @@ impl<T: Scalar> Autopilot<T> {
     /// A client that has heard nothing yet.
     pub fn new(settings: Settings<T>) -> Result<Self, SettingsError> {
         settings.check()?;
-        Ok(Self {
+        let mut client = Self {
             map: MapFrame::new(settings.map_origin),
             limits: settings.limits,
             parameter_limits: Limits::ideal(),
+            airframe_mps: settings.airframe_speed_mps,
+            trial: None,
             settings,
             phase: Phase::Connecting,
             phase_since: Instant::ZERO,
@@ -350,7 +363,9 @@ impl<T: Scalar> Autopilot<T> {
             silent: false,
             restore_now: false,
             events: Events::default(),
-        })
+        };
+        client.update_limits();
+        Ok(client)
     }
 
     /// What it was told.
@@ -433,10 +448,20 @@ impl<T: Scalar> Autopilot<T> {
     /// The vehicle's limits, after the settings' or the parameters' have changed.
     fn update_limits(&mut self) {
         let (settings, parameters) = (&self.settings.limits, &self.parameter_limits);
+        let speed_mps = settings.speed_mps.min(parameters.speed_mps);
+        let jerk_mps3 = settings.jerk_mps3.min(parameters.jerk_mps3);
+        // An acceleration that takes longer than a second to turn into its opposite comes too late
+        // to be counted on; a reference that changes it much faster is flown past.
+        let acceleration_mps2 = settings
+            .acceleration_mps2
+            .min(parameters.acceleration_mps2)
+            .min(jerk_mps3 / T::of(2.0));
         self.limits = Limits {
-            speed_mps: settings.speed_mps.min(parameters.speed_mps),
-            acceleration_mps2: settings.acceleration_mps2.min(parameters.acceleration_mps2),
-            jerk_mps3: settings.jerk_mps3.min(parameters.jerk_mps3),
+            speed_mps: self
+                .airframe_mps
+                .map_or(speed_mps, |mps| speed_mps.min(mps)),
+            acceleration_mps2,
+            jerk_mps3: jerk_mps3.min(acceleration_mps2 * T::of(3.0)),
         };
     }
 
@@ -520,6 +545,13 @@ impl<T: Scalar> Autopilot<T> {
             let way = leg.waypoint - sample.position;
             let slot_s = T::of((leg.end - sample.time).as_secs_f64());
             let aim = leg.waypoint + way * (self.lag_s / slot_s.max(self.lag_s.abs()));
+            if !self.limits.is_ideal() {
+                let speed_mps = self.settings.transit_speed_mps * T::of(LEG_SPEED);
+                stream.guide.set_limits(Limits {
+                    speed_mps: self.limits.speed_mps.min(speed_mps),
+                    ..self.limits
+                });
+            }
             stream
                 .guide
                 .fly_leg(vehicle_now, leg.end, aim, measured, tolerance);

@@ -25,6 +25,8 @@ pub struct Preflight<T: Scalar> {
     /// The speed of a straight flight from the start to the destination that takes all slots,
     /// m/s; `None` where the destination is not known.
     pub needed_speed_mps: Option<T>,
+    /// Where the mission ends; `None` where that is not known, and no trial leg is flown then.
+    pub destination: Option<Position<T>>,
 }
 
 impl<T: Scalar> Default for Preflight<T> {
@@ -33,6 +35,7 @@ impl<T: Scalar> Default for Preflight<T> {
             area: None,
             distance_m: T::of(500.0),
             needed_speed_mps: None,
+            destination: None,
         }
     }
 }
@@ -48,6 +51,7 @@ impl<T: Scalar> Preflight<T> {
                 Position::new(mission.area.east_m, mission.area.north_m),
             )),
             needed_speed_mps: Some(distance_m / time_s),
+            destination: Some(mission.destination),
             ..Self::default()
         }
     }
@@ -123,6 +127,13 @@ pub enum PreflightRefusal {
         /// The parameter that leaves no more, and the value to set it to.
         parameter: Option<(&'static str, f32)>,
     },
+    /// The same, as the trial leg has shown.
+    SlowAirframe {
+        /// The speed that the straight way asks for, m/s.
+        needed_mps: f32,
+        /// The largest speed of the trial leg, m/s.
+        reached_mps: f32,
+    },
 }
 
 impl fmt::Display for PreflightRefusal {
@@ -173,6 +184,15 @@ impl fmt::Display for PreflightRefusal {
                     None => Ok(()),
                 }
             }
+            Self::SlowAirframe {
+                needed_mps,
+                reached_mps,
+            } => write!(
+                f,
+                "the destination asks for {needed_mps:.1} m/s, and the airframe reached \
+                 {reached_mps:.1} m/s on the trial leg: fly a mission with more slots or a \
+                 shorter way"
+            ),
         }
     }
 }
@@ -253,7 +273,10 @@ impl<T: Scalar> Autopilot<T> {
         slow.then(|| PreflightRefusal::TooSlow {
             needed_mps: needed_mps.to_f64() as f32,
             possible_mps: self.limits.speed_mps.to_f64() as f32,
-            parameter: self.reader.slowest(),
+            parameter: self
+                .reader
+                .slowest()
+                .filter(|_| self.parameter_limits.speed_mps < needed_mps),
         })
     }
 

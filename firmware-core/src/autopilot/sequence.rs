@@ -1,7 +1,7 @@
 //! The phases of a flight: what each waits for, what it asks, and what follows.
 //!
 //! ```text
-//! Connecting ─ Checking ─ Standby ─ TakingControl ─ Arming ─ TakingOff ─ Transit ─ Ready ─┐
+//! Connecting ─ Checking ─ Standby ─ TakingControl ─ Arming ─ TakingOff ─ Transit ─ Trial ─ Ready ─┐
 //!                                         │            │         │                 Leg ⇄ LegEnded
 //!                                       Failed     Disarming  Landing <───────────────────┘
 //!      from any phase in control: Released              └─ Landed or Failed
@@ -16,7 +16,7 @@ use super::guidance::Guide;
 use super::profile::{Firmware, Mode};
 use super::telemetry::{Fix, Sample};
 use super::{Autopilot, LegEnd, Obstacle, Phase, Stream, Tick};
-use crate::scalar::Scalar;
+use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
 
 /// An accepted command whose effect does not show for this long is given again.
@@ -29,6 +29,10 @@ const ORIGIN_INTERVAL: Duration = Duration::from_secs(1);
 const RESUBSCRIBE: Duration = Duration::from_secs(10);
 /// The part of what a tick shows of the vehicle's lag that is believed.
 const LAG_GAIN: f64 = 0.2;
+/// The same where the vehicle is ahead of the reference: it flies too far then.
+const LEAD_GAIN: f64 = 0.5;
+/// The share of the acceleration up to which a leg ends cruising.
+const CRUISING: f64 = 0.1;
 /// The largest lag that is flown ahead by, s.
 const LAG_MOST_S: f64 = 0.15;
 /// Above this height over the start the vehicle counts as in the air, m.
@@ -117,17 +121,11 @@ impl<T: Scalar> Autopilot<T> {
             }
             Phase::TakingOff => self.take_off(now, firmware),
             Phase::Transit => {
-                let start = self.settings.start;
-                let vehicle_now = self.vehicle_time(now);
-                let over = |s: &Stream<T>| vehicle_now.is_some_and(|now| now >= s.guide.end());
-                let there = self.stream.as_ref().is_some_and(over)
-                    && self.telemetry.sample.is_some_and(|sample| {
-                        (sample.position - start).norm() <= self.settings.arrival_radius_m
-                    });
-                if there {
-                    self.enter(now, Phase::Ready);
+                if self.has_arrived_at(now, self.settings.start) {
+                    self.prepare_slots(now);
                 }
             }
+            Phase::Trial => self.advance_trial(now),
             Phase::Leg => {
                 // No sample came from after the tick: the last one has to do.
                 if let Some((leg, vehicle_now)) = self.leg.zip(self.vehicle_time(now))
@@ -284,6 +282,29 @@ impl<T: Scalar> Autopilot<T> {
         });
     }
 
+    /// The reference sets out for a place, to rest there. False where nothing is streamed.
+    pub(super) fn start_transit(&mut self, now: Instant, place: Position<T>) -> bool {
+        let vehicle_now = self.vehicle_time(now);
+        let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) else {
+            return false;
+        };
+        stream.guide.set_limits(self.limits);
+        let speed_mps = self.settings.transit_speed_mps;
+        stream.guide.transit(vehicle_now, place, speed_mps);
+        stream.due = now;
+        true
+    }
+
+    /// The reference has come to rest, and the vehicle is there.
+    pub(super) fn has_arrived_at(&self, now: Instant, place: Position<T>) -> bool {
+        let vehicle_now = self.vehicle_time(now);
+        let over = |s: &Stream<T>| vehicle_now.is_some_and(|now| now >= s.guide.end());
+        self.stream.as_ref().is_some_and(over)
+            && self.telemetry.sample.is_some_and(|sample| {
+                (sample.position - place).norm() <= self.settings.arrival_radius_m
+            })
+    }
+
     fn take_off(&mut self, now: Instant, firmware: Firmware) {
         let Some(sample) = self.telemetry.sample else {
             return;
@@ -297,14 +318,7 @@ impl<T: Scalar> Autopilot<T> {
             if self.stream.is_none() {
                 self.hold_here(now, false);
             }
-            let vehicle_now = self.vehicle_time(now);
-            if let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) {
-                let speed = self.settings.transit_speed_mps;
-                stream
-                    .guide
-                    .transit(vehicle_now, self.settings.start, speed);
-                stream.due = now;
-            }
+            self.start_transit(now, self.settings.start);
             self.enter(now, Phase::Transit);
         } else if firmware.takes_off_by_command() {
             let altitude_m = target.to_f64() as f32;
@@ -369,6 +383,7 @@ impl<T: Scalar> Autopilot<T> {
             Phase::Arming
             | Phase::TakingOff
             | Phase::Transit
+            | Phase::Trial
             | Phase::Ready
             | Phase::Leg
             | Phase::LegEnded => {
@@ -399,7 +414,7 @@ impl<T: Scalar> Autopilot<T> {
         let flying = self.phase.is_flying();
         let starting = matches!(
             self.phase,
-            Phase::TakingControl | Phase::Arming | Phase::TakingOff | Phase::Transit
+            Phase::TakingControl | Phase::Arming | Phase::TakingOff | Phase::Transit | Phase::Trial
         );
         let armed_by_us = flying
             || matches!(
@@ -431,7 +446,7 @@ impl<T: Scalar> Autopilot<T> {
         }
         // A vehicle that took off outside the fence may come from there.
         let mut margin_m = watch.fence_margin_m;
-        if self.phase == Phase::Transit {
+        if matches!(self.phase, Phase::Transit | Phase::Trial) {
             margin_m += self.stood_outside_m;
         }
         let outside =
@@ -546,7 +561,7 @@ impl<T: Scalar> Autopilot<T> {
             Phase::Arming | Phase::TakingOff => {
                 in_control && firmware.stream_before_control() > Duration::ZERO
             }
-            Phase::Transit | Phase::Ready | Phase::Leg | Phase::LegEnded => in_control,
+            phase if phase.is_flying() => in_control,
             // Until the landing is accepted the reference comes to rest; not after a position
             // that cannot be believed.
             Phase::Landing => {
@@ -644,13 +659,20 @@ impl<T: Scalar> Autopilot<T> {
         if let Some(end) = leg.reference_end.filter(|_| !extrapolated && !at_setpoint) {
             let speed_mps = end.velocity.norm();
             // While it gathers speed or turns, or flies slowly, other things decide where it is.
-            let cruises = end.acceleration == nalgebra::Vector2::zeros()
+            let cruises = end.acceleration.norm()
+                <= self.limits.acceleration_mps2 * T::of(CRUISING)
                 && speed_mps >= self.settings.transit_speed_mps * T::of(0.3);
             if core::mem::replace(&mut self.cruised, cruises) && cruises {
                 let behind = (end.position - sample.position).dot(&end.velocity);
                 let observed_s = behind / (speed_mps * speed_mps);
                 let most = T::of(LAG_MOST_S);
-                let step = (observed_s - self.lag_s) * T::of(LAG_GAIN);
+                let error_s = observed_s - self.lag_s;
+                let gain = if error_s < T::zero() {
+                    LEAD_GAIN
+                } else {
+                    LAG_GAIN
+                };
+                let step = error_s * T::of(gain);
                 self.lag_s = (self.lag_s + step).min(most).max(-most);
             }
         }

@@ -96,6 +96,9 @@ pub struct Settings<T: Scalar> {
     pub altitude_m: T,
     /// What the vehicle can do; infinite for the paper's kinematics.
     pub limits: Limits<T>,
+    /// The speed that the airframe is known to reach, m/s; `None` where it is not known, and where
+    /// parameters had to be set a trial leg before the first slot shows it.
+    pub airframe_speed_mps: Option<T>,
     /// Speed of the flight to the start, m/s.
     pub transit_speed_mps: T,
     /// Rate of climb where take-off is flown with setpoints, m/s.
@@ -195,6 +198,7 @@ impl<T: Scalar> Settings<T> {
             start,
             altitude_m,
             limits: Limits::ideal(),
+            airframe_speed_mps: None,
             transit_speed_mps: speed_mps,
             climb_speed_mps: T::of(3.0),
             geofence: None,
@@ -223,7 +227,10 @@ impl<T: Scalar> Settings<T> {
             ("lag_tolerance_m", self.lag_tolerance_m),
             ("watch.jump_m", self.watch.jump_m),
         ];
-        for (name, value) in positive {
+        let airframe = self
+            .airframe_speed_mps
+            .map(|mps| ("airframe_speed_mps", mps));
+        for (name, value) in positive.into_iter().chain(airframe) {
             if !(value.finite() && value > T::zero()) {
                 let value = value.to_f64();
                 return Err(SettingsError::NotPositive { name, value });

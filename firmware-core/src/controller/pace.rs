@@ -40,8 +40,11 @@ impl<T: Scalar> Pace<T> {
     /// A slot that goes further than the last one by more than this share of the asked way gains
     /// speed.
     const GAINS: f64 = 0.03;
-    /// What is kept free at first, share of `V_max delta`.
-    const TRACKING: f64 = 0.025;
+    /// What is kept free at first: a share of `V_max delta`, and metres.
+    const TRACKING: f64 = 0.022;
+    const TRACKING_M: f64 = 0.1;
+    /// The share of `V_max delta` above which what a slot flies is kept free from then on.
+    const CLOSE: f64 = 0.985;
     /// The largest share that is kept free.
     const TRACKING_MOST: f64 = 0.1;
     /// The least cosine of the angle to the way home at which a slot shows what that way allows.
@@ -69,7 +72,9 @@ impl<T: Scalar> Pace<T> {
     pub(super) fn rely_on(&mut self, limits: &Limits<T>, slot_s: T) {
         self.gain_m = limits.acceleration_mps2 * slot_s * slot_s;
         if self.gain_m.finite() {
-            self.tracking_m = self.reach_m * T::of(Self::TRACKING);
+            let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
+            let tracking_m = self.reach_m * T::of(Self::TRACKING) + T::of(Self::TRACKING_M);
+            self.tracking_m = tracking_m.min(largest_m);
         }
         self.held_m = self.most_m().min(limits.speed_mps * slot_s);
     }
@@ -106,9 +111,9 @@ impl<T: Scalar> Pace<T> {
         self.drift_m = way.into();
         let (asked_m, flown_m) = (asked.norm(), way.norm());
         if self.gain_m.finite() {
-            let beyond_m = (flown_m - self.most_m()) * T::of(1.5);
+            let close_m = (flown_m - self.reach_m * T::of(Self::CLOSE)).max(T::zero());
             let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
-            self.tracking_m = self.tracking_m.max(beyond_m.min(largest_m));
+            self.tracking_m = (self.tracking_m + close_m).min(largest_m);
         }
         // What is flown with the wind in another direction is no help on the way home.
         let home = destination - from;

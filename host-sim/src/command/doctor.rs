@@ -39,6 +39,9 @@ pub(crate) struct AutopilotArguments {
     /// decides
     #[arg(long, value_parser = Profile::from_str)]
     profile: Option<Profile>,
+    /// The speed that the airframe reaches, m/s, where it is known
+    #[arg(long, value_name = "MPS", value_parser = parse_mps)]
+    airframe_speed: Option<f64>,
     #[command(flatten)]
     own: OwnAddressArguments,
     /// The mission: a TOML file, or the name of a shipped scenario
@@ -85,6 +88,14 @@ impl OwnAddressArguments {
     }
 }
 
+/// A speed in m/s.
+pub(super) fn parse_mps(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|mps| (0.1..=1000.0).contains(mps))
+        .ok_or_else(|| "must be a number of m/s from 0.1 to 1000".into())
+}
+
 fn parse_speed(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
@@ -128,6 +139,7 @@ impl AutopilotArguments {
         let settings = Settings {
             own: self.own.address(),
             set_parameters,
+            airframe_speed_mps: self.airframe_speed,
             ..flight::autopilot_settings(scenario, self.profile.unwrap_or(Profile::Multirotor))
         };
         let client = Autopilot::new(settings).map_err(Failure::bad_input)?;

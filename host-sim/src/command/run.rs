@@ -24,7 +24,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::{
     Failure,
     board::{BoardChoice, OpenBoard, footprint_in_words},
-    doctor::OwnAddressArguments,
+    doctor::{OwnAddressArguments, parse_mps},
     load_policy, terminal,
 };
 
@@ -62,6 +62,10 @@ pub(crate) struct RunArguments {
     /// and put them back at the end, however it ends
     #[arg(long)]
     set_params: bool,
+    /// The speed that the airframe reaches, m/s: a mission that needs more is refused before
+    /// take-off, and no trial leg is flown (with --set-params one shows it before the first slot)
+    #[arg(long, value_name = "MPS", value_parser = parse_mps)]
+    airframe_speed: Option<f64>,
     /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
     impair: Option<Impairment>,
@@ -120,10 +124,12 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
     if arguments.inner != Allocation::Exact
         || arguments.signing_key.is_some()
         || arguments.set_params
+        || arguments.airframe_speed.is_some()
     {
         return Err(Failure::bad_input(
-            "a board allocates by --inner exact, and neither signs nor sets parameters: \
-             --signing-key and --set-params are for --controller in-process --precision f64",
+            "a board allocates by --inner exact, neither signs nor sets parameters, and flies what \
+             it is told: --signing-key, --set-params and --airframe-speed are for --controller \
+             in-process --precision f64",
         ));
     }
     let prepared = |policy_name| prepare(arguments, scenario, policy_name);
@@ -253,6 +259,9 @@ fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failur
     }
     if let Some(impairment) = &arguments.impair {
         peer = peer.impaired(impairment);
+    }
+    if let Some(speed_mps) = arguments.airframe_speed {
+        peer = peer.with_airframe_speed(speed_mps);
     }
     if arguments.set_params {
         peer = peer.with_parameters_set();

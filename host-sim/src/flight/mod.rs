@@ -329,6 +329,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
         let autopilot = Autopilot::new(autopilot::Settings {
             set_parameters: peer.sets_parameters(),
+            airframe_speed_mps: peer.airframe_speed_mps(),
             own: peer.own(),
             ..autopilot_settings(scenario, settings.profile)
         })?;

@@ -42,6 +42,7 @@ pub struct Peer {
     beside: Vec<(String, Beside)>,
     key: Option<SigningKey>,
     set_parameters: bool,
+    airframe_speed_mps: Option<f64>,
     journal: Option<ParameterJournal>,
     /// Where the built-in vehicle was lately: its clock and its true position, oldest first.
     track: VecDeque<(Instant, Position<f64>)>,
@@ -97,6 +98,7 @@ impl Peer {
             beside: Vec::new(),
             key: None,
             set_parameters: false,
+            airframe_speed_mps: None,
             journal: None,
             track: VecDeque::new(),
             names_profile: false,
@@ -150,6 +152,12 @@ impl Peer {
     /// Our client signs what it says and takes only what is signed with this key.
     pub fn signed_with(mut self, key: SigningKey) -> Self {
         self.key = Some(key);
+        self
+    }
+
+    /// The airframe is known to reach this speed, m/s.
+    pub fn with_airframe_speed(mut self, speed_mps: f64) -> Self {
+        self.airframe_speed_mps = Some(speed_mps);
         self
     }
 
@@ -208,6 +216,10 @@ impl Peer {
 
     pub(super) fn own(&self) -> OwnAddress {
         self.own
+    }
+
+    pub(super) fn airframe_speed_mps(&self) -> Option<f64> {
+        self.airframe_speed_mps
     }
 
     pub(super) fn sets_parameters(&self) -> bool {

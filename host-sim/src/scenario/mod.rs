@@ -166,6 +166,7 @@ impl Scenario {
         let text = match name {
             "separated" => include_str!("../../../scenarios/separated.toml"),
             "mixed" => include_str!("../../../scenarios/mixed.toml"),
+            "slow" => include_str!("../../../scenarios/slow.toml"),
             _ => return None,
         };
         Self::parse(name, text).ok()

@@ -27,6 +27,8 @@ pub struct Ability {
     pub drag_per_s: f64,
     /// Largest horizontal jerk, m/s^3.
     pub jerk_mps3: f64,
+    /// Jerk over acceleration of the autopilot's own limits, 1/s: how firmly ArduCopter follows.
+    pub shaping_per_s: f64,
     /// Rate of climb, m/s.
     pub climb_mps: f64,
     /// Rate of descent when landing, m/s.
@@ -69,12 +71,12 @@ pub(super) enum Demand {
 /// The constants of ArduCopter and PX4 are fitted to the recordings `arducopter-sac` and
 /// `px4-sac`, with the recorded setpoints as input; `tests/replay.rs` holds the distance between
 /// the recorded flights and these bodies. ArduCopter's are what its setpoint shaping consists of:
-/// a jerk limit of 5 m/s^3, and gains of jerk / acceleration and a quarter of that.
+/// a jerk limit, and gains of jerk / acceleration and a quarter of that.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Tracking {
-    /// Position loop, 1/s.
+    /// Position loop, 1/s; for ArduCopter in units of [`Ability::shaping_per_s`].
     position_gain: f64,
-    /// Velocity loop, 1/s.
+    /// Velocity loop, likewise.
     velocity_gain: f64,
     /// How much of a setpoint's acceleration is taken over.
     feedforward: f64,
@@ -104,10 +106,10 @@ impl Tracking {
     };
 
     const ARDUCOPTER: Self = Self {
-        position_gain: 0.130,
-        velocity_gain: 0.559,
+        position_gain: 0.260,
+        velocity_gain: 1.118,
         feedforward: 1.0,
-        jerk_mps3: 5.02,
+        jerk_mps3: f64::INFINITY,
         acceleration_mps2: 11.2,
         headroom: 1.15,
         delay_s: 0.031,
@@ -229,7 +231,7 @@ impl Body {
             return; // moved by `take`
         }
         let wanted = self.wanted_acceleration(demand, ability, air);
-        let tracking = self.tracking_of(demand);
+        let tracking = self.tracking_of(demand, ability);
         let part = dt_s / tracking.lag_s.max(dt_s);
         let jerk = ability.jerk_mps3.min(tracking.jerk_mps3);
         let change = clip((wanted - self.acceleration) * part, jerk * dt_s);
@@ -268,7 +270,7 @@ impl Body {
     }
 
     fn wanted_acceleration(&self, demand: &Demand, ability: &Ability, air: &Air) -> Vector2<f64> {
-        let tracking = self.tracking_of(demand);
+        let tracking = self.tracking_of(demand, ability);
         let (velocity, feedforward) = match *demand {
             Demand::Track(Target {
                 position,
@@ -314,11 +316,15 @@ impl Body {
     }
 
     /// The fitted constants hold for streams of moving setpoints only.
-    fn tracking_of(&self, demand: &Demand) -> Tracking {
+    fn tracking_of(&self, demand: &Demand, ability: &Ability) -> Tracking {
         match demand {
             Demand::Track(Target {
                 velocity: Some(_), ..
-            }) => self.tracking,
+            }) => Tracking {
+                position_gain: self.tracking.position_gain * ability.shaping_per_s,
+                velocity_gain: self.tracking.velocity_gain * ability.shaping_per_s,
+                ..self.tracking
+            },
             _ => Tracking::GENERIC,
         }
     }

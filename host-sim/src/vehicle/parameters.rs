@@ -63,6 +63,7 @@ impl Parameters {
                 ("GUID_TIMEOUT", Real(3.0)),
                 ("LAND_SPEED", Integer(50)),
                 ("PSC_ANGLE_MAX", Real(0.0)),
+                ("PSC_JERK_XY", Real(5.0)),
                 ("RTL_ALT", Integer(1500)),
                 ("SYSID_MYGCS", Integer(255)),
                 ("SYSID_THISMAV", Integer(1)),
@@ -144,6 +145,8 @@ impl Parameters {
                         .acceleration_mps2
                         .min(number("WPNAV_ACCEL") / 100.0)
                         .min(GRAVITY * lean),
+                    jerk_mps3: ability.jerk_mps3.min(number("PSC_JERK_XY")),
+                    shaping_per_s: number("PSC_JERK_XY") / (number("WPNAV_ACCEL") / 100.0),
                     climb_mps: ability.climb_mps.min(number("WPNAV_SPEED_UP") / 100.0),
                     ..ability
                 }

@@ -78,6 +78,7 @@ impl Profile {
                 acceleration_mps2: 20.0,
                 drag_per_s: 0.0,
                 jerk_mps3: 200.0,
+                shaping_per_s: 1.0,
                 climb_mps: 20.0,
                 descent_mps: 20.0,
             },
@@ -87,20 +88,18 @@ impl Profile {
                 acceleration_mps2: 10.0,
                 drag_per_s: 0.0,
                 jerk_mps3: 60.0,
+                shaping_per_s: 1.0,
                 climb_mps: 5.0,
                 descent_mps: 4.0,
             },
-            // PSC_JERK_XY, which its position controller keeps, is 5 m/s^3.
-            Self::ArduCopter => Ability {
-                jerk_mps3: 60.0,
-                ..Self::Px4.ability()
-            },
+            Self::ArduCopter => Self::Px4.ability(),
             Self::Px4 => Ability {
                 speed_mps: 40.0,
                 airspeed_mps: 40.0,
                 acceleration_mps2: 12.0,
                 drag_per_s: 0.0,
                 jerk_mps3: 60.0,
+                shaping_per_s: 1.0,
                 climb_mps: 5.0,
                 descent_mps: 3.0,
             },

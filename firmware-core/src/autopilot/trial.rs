@@ -1,0 +1,117 @@
+//! The trial leg: what speed does the airframe reach?
+//!
+//! Parameters that the client has raised say nothing about the airframe any more. Where the mission
+//! needs more than they left before, the vehicle flies from the start towards the destination and
+//! back, from rest to rest and as fast as the mission goes, before the first slot. What it reaches
+//! is its limit from then on; if that is too little for the way, it lands where it took off and the
+//! mission is refused with both speeds.
+
+use super::{Autopilot, Event, Phase, failsafe::Cause, preflight::PreflightRefusal};
+use crate::{
+    autopilot::guidance::Trajectory,
+    scalar::{Position, Scalar},
+    time::Instant,
+};
+
+/// The share of the reference's largest speed below which the airframe is what limits it.
+const REACHED: f64 = 0.9;
+/// The share of the speed it reached that is planned with, so that it can catch up.
+const MARGIN: f64 = 0.95;
+
+/// What a trial leg has shown so far.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Trial<T: Scalar> {
+    /// Where it turns, m.
+    turn: Position<T>,
+    /// It is on its way back.
+    returns: bool,
+    /// The largest speed of the reference on the way there, m/s.
+    asked_mps: T,
+    /// The largest that was measured, m/s.
+    reached_mps: T,
+}
+
+impl<T: Scalar> Autopilot<T> {
+    /// The vehicle is at the start: what comes before the first slot.
+    pub(super) fn prepare_slots(&mut self, now: Instant) {
+        match self.trial_turn() {
+            Some(turn) if self.trial.is_none() && self.start_transit(now, turn) => {
+                self.trial = Some(Trial {
+                    turn,
+                    returns: false,
+                    asked_mps: T::zero(),
+                    reached_mps: T::zero(),
+                });
+                self.enter(now, Phase::Trial);
+            }
+            _ => self.enter(now, Phase::Ready),
+        }
+    }
+
+    /// Where a trial leg turns; `None` where none is needed.
+    fn trial_turn(&self) -> Option<Position<T>> {
+        let preflight = &self.settings.preflight;
+        let needed_mps = preflight.needed_speed_mps?;
+        let way = preflight.destination? - self.settings.start;
+        if self.airframe_mps.is_some() {
+            return None;
+        }
+        let found_mps = T::of(f64::from(self.reader.found_mps()?));
+        if needed_mps <= found_mps || way.norm() <= T::zero() {
+            return None;
+        }
+        let speed_mps = self.limits.speed_mps.min(self.settings.transit_speed_mps);
+        let share = Trajectory::run_up_m(speed_mps, &self.limits) / way.norm();
+        Some(self.settings.start + way * share.min(T::one()))
+    }
+
+    /// Called while the trial is flown.
+    pub(super) fn advance_trial(&mut self, now: Instant) {
+        let Some((mut trial, sample)) = self.trial.zip(self.telemetry.sample) else {
+            return;
+        };
+        if !trial.returns {
+            let asked_mps = self.stream.as_ref().map(|s| s.last.velocity.norm());
+            trial.asked_mps = trial.asked_mps.max(asked_mps.unwrap_or(T::zero()));
+            trial.reached_mps = trial.reached_mps.max(sample.velocity.norm());
+            self.trial = Some(trial);
+        }
+        let goal = if trial.returns {
+            self.settings.start
+        } else {
+            trial.turn
+        };
+        if !self.has_arrived_at(now, goal) {
+            return;
+        }
+        if !trial.returns {
+            self.trial = Some(Trial {
+                returns: true,
+                ..trial
+            });
+            if trial.reached_mps < trial.asked_mps * T::of(REACHED) {
+                self.airframe_mps = Some(trial.reached_mps * T::of(MARGIN));
+                self.events.push(Event::SlowAirframe {
+                    asked_mps: trial.asked_mps.to_f64() as f32,
+                    reached_mps: trial.reached_mps.to_f64() as f32,
+                });
+                self.update_limits();
+            }
+            self.start_transit(now, self.settings.start);
+            return;
+        }
+        let needed_mps = self.settings.preflight.needed_speed_mps;
+        match needed_mps.filter(|&needed| self.limits.speed_mps < needed) {
+            Some(needed_mps) => {
+                let refusal = PreflightRefusal::SlowAirframe {
+                    needed_mps: needed_mps.to_f64() as f32,
+                    reached_mps: trial.reached_mps.to_f64() as f32,
+                };
+                self.refusal = Some(refusal);
+                self.events.push(Event::Refused(refusal));
+                self.fail(now, Cause::TooSlow);
+            }
+            None => self.enter(now, Phase::Ready),
+        }
+    }
+}
