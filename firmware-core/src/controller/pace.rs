@@ -44,7 +44,7 @@ impl<T: Scalar> Pace<T> {
     const TRACKING: f64 = 0.022;
     const TRACKING_M: f64 = 0.1;
     /// The share of `V_max delta` above which what a slot flies is kept free from then on.
-    const CLOSE: f64 = 0.985;
+    const CLOSE: f64 = 0.98;
     /// The largest share that is kept free.
     const TRACKING_MOST: f64 = 0.1;
     /// The least cosine of the angle to the way home at which a slot shows what that way allows.
