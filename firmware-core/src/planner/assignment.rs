@@ -155,7 +155,9 @@ mod tests {
     fn matches_enumeration() {
         let mut state = 1_u64;
         let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
             (state >> 40) as f64 / (1_u64 << 24) as f64
         };
         let cases: [(usize, &[u32]); 5] = [
@@ -175,7 +177,9 @@ mod tests {
                 let count: [u32; 4] = counts(&assigned);
                 assert!(count.iter().zip(least).all(|(held, owed)| held >= owed));
                 let served = assigned.iter().enumerate();
-                let sum: f64 = served.map(|(slot, &u)| rates[slot * users + u as usize]).sum();
+                let sum: f64 = served
+                    .map(|(slot, &u)| rates[slot * users + u as usize])
+                    .sum();
                 let expected = best_by_enumeration(&rates, users, least);
                 assert!((sum - expected).abs() < 1e-9, "{sum} {expected}");
             }

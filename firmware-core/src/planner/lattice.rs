@@ -193,7 +193,9 @@ pub(super) fn unit<T: Scalar>(index: usize, count: usize) -> Displacement<T> {
 
 /// Whole steps and the fraction beyond them, held to a little more than the grid.
 fn split<T: Scalar>(nodes: T, count: usize) -> (isize, T) {
-    let held = nodes.to_f64().clamp(-2.0 * count as f64, 2.0 * count as f64);
+    let held = nodes
+        .to_f64()
+        .clamp(-2.0 * count as f64, 2.0 * count as f64);
     let mut whole = held as isize;
     if (whole as f64) > held {
         whole -= 1;
