@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             .and_then(|text| text.parse().ok())
             .unwrap_or(default)
     };
-    let nodes = number(3, 33 * 33);
+    let nodes = number(3, 25 * 25);
     let settings = Settings {
         first_iterations: number(5, Settings::default().first_iterations as usize) as u32,
         later_iterations: number(6, Settings::default().later_iterations as usize) as u32,
@@ -63,7 +63,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             .into_owned();
         let scenario = Scenario::load(&missions.join(format!("{name}.toml")))?;
         let mission = single(&scenario.mission).ok_or("mission")?;
-        let mut capacity = Capacity::new(mission.slots() as usize, mission.user_count(), nodes);
+        let mut capacity = Capacity::new(mission.slots() as usize, mission.user_count());
+        capacity.nodes = nodes;
         capacity.stages = number(4, capacity.stages).min(mission.slots() as usize);
         let memory = (
             vec![0.0_f32; capacity.values()],

@@ -5,9 +5,11 @@
 /// ```
 /// use firmware_core::planner::Capacity;
 ///
-/// // The default mission on 33 x 33 nodes, in single precision: below 256 KiB.
-/// let capacity = Capacity { slots: 60, users: 16, nodes: 33 * 33, stages: 30 };
-/// assert!(capacity.memory_bytes::<f32>() < 256 * 1024);
+/// // The default mission in single precision.
+/// assert_eq!(Capacity::new(60, 15).memory_bytes::<f32>(), 113_424);
+/// // Even 33 x 33 nodes with a stage for every two slots need less than 256 KiB.
+/// let fine = Capacity { slots: 60, users: 16, nodes: 33 * 33, stages: 30 };
+/// assert!(fine.memory_bytes::<f32>() < 256 * 1024);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capacity {
@@ -26,15 +28,15 @@ pub struct Capacity {
 pub(super) const PLACES: usize = 9;
 
 impl Capacity {
-    /// A capacity for a mission of `slots` slots and `users` users on a grid of `nodes` nodes,
-    /// with a stage for every two slots but at most 60 stages.
-    pub const fn new(slots: usize, users: usize, nodes: usize) -> Self {
-        let half = slots.div_ceil(2);
-        let stages = if half > 60 { 60 } else { half };
+    /// The usual capacity for a mission of `slots` slots and `users` users: 25 x 25 nodes and at
+    /// most 24 stages. Finer grids and more stages were not better on random missions
+    /// (`host-sim benchmark`): values are interpolated at every stage, which blurs them.
+    pub const fn new(slots: usize, users: usize) -> Self {
+        let stages = if slots > 24 { 24 } else { slots };
         Self {
             slots,
             users,
-            nodes: if nodes < 4 { 4 } else { nodes },
+            nodes: 25 * 25,
             stages: if stages < 1 { 1 } else { stages },
         }
     }

@@ -40,7 +40,7 @@
 //! #     sensors: [place(300.0, 300.0), place(350.0, 200.0), place(200.0, 250.0)].into_iter().collect(),
 //! # };
 //! # let mission = Mission::new(parameters)?;
-//! let capacity = Capacity::new(20, 2, 17 * 17);
+//! let capacity = Capacity::new(20, 2);
 //! let memory = (vec![0.0_f32; capacity.values()], vec![0_u8; capacity.indices()]);
 //! let mut planner = Planner::new(&mission, capacity, memory)?;
 //! while !planner.advance(100_000).finished {}
@@ -93,7 +93,7 @@ impl Default for Settings {
         Self {
             first_iterations: 12,
             later_iterations: 20,
-            rounds: 3,
+            rounds: 6,
             finest_spacing: 0.02,
             changes: 60,
         }
@@ -301,13 +301,11 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let route = Route::new(&search.mission, position, slots, self.reach_m);
         let users = search.mission.user_count();
         let quota = search.mission.quota();
-        self.counts.clear();
+        // Those of users that may join are kept, too.
+        self.counts = counts.iter().copied().take(M).collect();
         search.least = [0; M];
         for (user, least) in search.least.iter_mut().enumerate().take(users) {
-            let count = counts.get(user).copied().unwrap_or(0);
-            *least = quota.saturating_sub(count);
-            // As many as there are users, which fit.
-            let _ = self.counts.push(count);
+            *least = quota.saturating_sub(counts.get(user).copied().unwrap_or(0));
         }
         reduce_to(&mut search.least, slots);
         let mut parts = Parts::carve(&search.capacity, self.memory.parts());
@@ -409,12 +407,11 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
 
     /// Whether the plan starts from this state, so that there is nothing to correct.
     fn is_at(&self, observation: &Observation<'_, T>) -> bool {
-        let same = |(user, &count): (usize, &u32)| {
-            observation.counts.get(user).copied().unwrap_or(0) == count
-        };
+        let count = |counts: &[u32], user| counts.get(user).copied().unwrap_or(0);
         observation.slot == self.slot
             && observation.position == self.search.from()
-            && self.counts.iter().enumerate().all(same)
+            && (0..self.search.users())
+                .all(|user| count(observation.counts, user) == count(&self.counts, user))
     }
 }
 

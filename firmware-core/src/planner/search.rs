@@ -25,6 +25,8 @@ use crate::{
     scalar::{Position, Scalar},
 };
 
+/// Stages in successive rounds, as fractions of the capacity: each division finds other paths.
+const STAGE_FRACTIONS: [f64; 4] = [1.0, 0.4, 0.7, 0.55];
 /// Spacing of the first stencils of a polish, as a fraction of the longest step.
 const FIRST_SPACING: f64 = 0.5;
 /// Spacing of the stencils in which the order of service is changed.
@@ -546,6 +548,9 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         if self.round >= self.settings.rounds {
             return Phase::Done;
         }
+        let fraction = STAGE_FRACTIONS[self.round as usize % STAGE_FRACTIONS.len()];
+        let stages = libm::ceil(self.capacity.stages as f64 * fraction) as usize;
+        self.stages.divide(&self.route, stages);
         // The best path of the next round is polished whether or not it beats this one's yet.
         self.current_total = T::zero();
         Phase::Price

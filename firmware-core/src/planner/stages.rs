@@ -52,17 +52,24 @@ impl<T: Scalar> Stages<T> {
     pub(super) fn new(route: &Route<T>, nodes: usize, stages_max: usize) -> Self {
         let (low, high) = route.extent();
         let lattice = Lattice::new(low, high, nodes, route.step_m * T::of(0.02));
-        let count = route.slots.min(stages_max).max(1);
-        let slots = route.slots.max(1);
-        let step_m = route.step_m * (T::count(slots) / T::count(count));
-        let step_m = step_m * (T::one() - T::EPSILON * T::of(8.0));
-        Self {
-            moves: lattice.moves(step_m),
+        let mut stages = Self {
             lattice,
-            count,
-            slots,
-            step_m,
-        }
+            moves: Vec::new(),
+            count: 1,
+            slots: route.slots.max(1),
+            step_m: T::zero(),
+        };
+        stages.divide(route, stages_max);
+        stages
+    }
+
+    /// The same grid with another number of stages, at most as many as slots.
+    pub(super) fn divide(&mut self, route: &Route<T>, stages_max: usize) {
+        self.count = self.slots.min(stages_max).max(1);
+        let step_m = route.step_m * (T::count(self.slots) / T::count(self.count));
+        // Points that are that far apart are joined in spite of rounding.
+        self.step_m = step_m * (T::one() - T::EPSILON * T::of(8.0));
+        self.moves = self.lattice.moves(self.step_m);
     }
 
     /// The operations of one [`backward`](Self::backward).
