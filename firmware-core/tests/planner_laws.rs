@@ -329,7 +329,7 @@ fn obeys_the_laws<T: Scalar>(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
 
     #[test]
     fn plans_are_feasible_and_never_get_worse(

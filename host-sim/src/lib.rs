@@ -27,6 +27,7 @@ pub mod interrupt;
 pub mod journal;
 pub mod link;
 pub mod nomographic;
+pub mod planner;
 pub mod policy;
 pub mod record;
 pub mod report;

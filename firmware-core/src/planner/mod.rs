@@ -317,12 +317,12 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
                 parts.best.set_place(slot, route.straight(slot));
             }
         }
-        if !(keep && is_fair(&search.least, parts.best.users, slots)) {
+        if !(keep && is_fair(&search.least, users, parts.best.users, slots)) {
             serve_in_turn(&search.least, users, parts.best.users, slots);
         }
         parts.trial.copy_from(&parts.best);
         parts.current.copy_from(&parts.best);
-        search.start(route);
+        search.start(route, keep);
     }
 
     /// Improves the plan until `budget` operations are spent or nothing is left to do. Does
@@ -457,13 +457,15 @@ fn reduce_to<const M: usize>(least: &mut [u32; M], slots: usize) {
     }
 }
 
-/// Whether an order of service gives every user what it is owed.
-fn is_fair<const M: usize>(least: &[u32; M], served: &[u8], slots: usize) -> bool {
-    let counts: [u32; M] = assignment::counts(served.get(..slots).unwrap_or(&[]));
-    counts
-        .iter()
-        .zip(least)
-        .all(|(count, least)| count >= least)
+/// Whether an order of service has only users that there are, and gives each what it is owed.
+fn is_fair<const M: usize>(least: &[u32; M], users: usize, served: &[u8], slots: usize) -> bool {
+    let served = served.get(..slots).unwrap_or(&[]);
+    let counts: [u32; M] = assignment::counts(served);
+    served.iter().all(|&user| usize::from(user) < users)
+        && counts
+            .iter()
+            .zip(least)
+            .all(|(count, least)| count >= least)
 }
 
 /// A fair order of service without knowledge of rates: in turn, those first that are owed most.

@@ -124,8 +124,12 @@ pub(super) struct Search<T: Scalar, const M: usize, const J: usize> {
     /// The value of the plan that is given out; `None` while it is not known.
     pub(super) best_total: Option<T>,
     current_total: T,
-    /// Whether the gain table and the node rates are those of the mission and the grid.
+    /// Whether the gain table is that of the mission.
     gains_ready: bool,
+    /// Whether the node rates are those of the mission and the grid.
+    nodes_ready: bool,
+    /// Whether the first plan is an earlier one, which is improved before new ones are made.
+    continued: bool,
 }
 
 impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
@@ -156,6 +160,8 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             best_total: None,
             current_total: T::zero(),
             gains_ready: false,
+            nodes_ready: false,
+            continued: false,
         }
     }
 
@@ -167,8 +173,11 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         self.gains_ready = false;
     }
 
-    /// Starts the work for a new route. `parts.trial` holds the first plan.
-    pub(super) fn start(&mut self, route: Route<T>) {
+    /// Starts the work for a new route. `parts.trial` holds the first plan; `continued` says
+    /// whether it is an earlier one.
+    pub(super) fn start(&mut self, route: Route<T>, continued: bool) {
+        self.continued = continued;
+        self.nodes_ready = false;
         self.stages = Stages::new(&route, self.capacity.nodes, self.capacity.stages);
         self.route = route;
         self.prices.restart();
@@ -351,6 +360,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         self.phase = if end < nodes {
             Phase::Nodes { node: end }
         } else {
+            self.nodes_ready = true;
             Phase::Price
         };
     }
@@ -483,6 +493,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         let worthwhile = |fraction: f64| gain > self.current_total * T::of(fraction);
         match trial {
             Trial::First if !self.route.has_choice() => Phase::Done,
+            Trial::First if self.continued => self.begin_polish(FIRST_SPACING * 0.25),
             Trial::First => Phase::Nodes { node: 0 },
             Trial::Priced => {
                 self.iteration += 1;
@@ -543,8 +554,13 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
     }
 
     fn end_round(&mut self) -> Phase {
-        self.round += 1;
         self.iteration = 0;
+        if !self.nodes_ready {
+            // Only an earlier plan has been improved so far.
+            self.current_total = T::zero();
+            return Phase::Nodes { node: 0 };
+        }
+        self.round += 1;
         if self.round >= self.settings.rounds {
             return Phase::Done;
         }
