@@ -17,6 +17,7 @@
 //! | [`experiment`] | the figures of the paper |
 
 pub mod allocation;
+pub mod benchmark;
 pub mod bound;
 pub mod conic;
 pub mod doctor;

@@ -1,5 +1,6 @@
 //! The command line, a module per subcommand: reads arguments, calls the library, prints.
 
+pub(crate) mod benchmark;
 pub(crate) mod board;
 pub(crate) mod bound;
 pub(crate) mod doctor;
