@@ -93,7 +93,7 @@ impl Default for Settings {
         Self {
             first_iterations: 12,
             later_iterations: 20,
-            rounds: 6,
+            rounds: 8,
             finest_spacing: 0.02,
             changes: 60,
         }

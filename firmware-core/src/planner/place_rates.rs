@@ -65,9 +65,24 @@ impl<T: Scalar> GainScale<T> {
             let exact = amplitude(middle);
             let distance_m = self.distance_m(middle - T::one());
             let error = (self.look_up(table, distance_m) - exact).abs();
-            if !(error <= exact * T::of(TABLE_TOLERANCE)) {
-                self.accurate = false;
-            }
+            // False for NaN, too.
+            self.accurate &= error <= exact * T::of(TABLE_TOLERANCE);
+        }
+    }
+
+    /// The amplitude gain between a vehicle over `place` and a node on the ground.
+    fn amplitude<const M: usize, const J: usize>(
+        &self,
+        mission: &Mission<T, M, J>,
+        table: &[T],
+        place: &Position<T>,
+        node: &Position<T>,
+    ) -> T {
+        let distance_m = (place - node).norm();
+        if self.accurate {
+            self.look_up(table, distance_m)
+        } else {
+            mission.channel().power_gain_across(distance_m).amplitude()
         }
     }
 
@@ -109,16 +124,6 @@ impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
         (60 * mission.sensor_count() + 100 * mission.user_count()) as u64
     }
 
-    fn amplitude(&self, place: &Position<T>, node: &Position<T>) -> T {
-        let distance_m = (place - node).norm();
-        if self.scale.accurate {
-            self.scale.look_up(self.table, distance_m)
-        } else {
-            let gain = self.mission.channel().power_gain_across(distance_m);
-            gain.amplitude()
-        }
-    }
-
     /// Calls `visit` with the rate, bit/s/Hz, of every user in `users` with the vehicle over
     /// `place`; 0 where no choice meets `Gamma`. Worst case: one sort of `J` sensors, then
     /// `O(log J)` per user.
@@ -131,19 +136,20 @@ impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
         let p = self.mission.parameters();
         let mut amplitudes = [T::zero(); J];
         for (amplitude, sensor) in amplitudes.iter_mut().zip(&p.sensors) {
-            *amplitude = self.amplitude(place, sensor);
+            *amplitude = self
+                .scale
+                .amplitude(self.mission, self.table, place, sensor);
         }
-        let mut user_gains = [PowerGain(T::zero()); M];
-        for (gain, user) in user_gains.iter_mut().zip(&p.users) {
-            let amplitude = self.amplitude(place, user);
-            *gain = PowerGain(amplitude * amplitude);
-        }
+        let (scale, table, mission) = (self.scale, self.table, self.mission);
         let sensors = amplitudes.get(..p.sensors.len()).unwrap_or(&[]);
         let field = self.workspace.sensors_of_amplitude(self.limits, sensors);
         let feasible = field.as_ref().is_ok_and(|field| field.is_feasible());
         for user in users {
-            let rate = match (&field, user_gains.get(user)) {
-                (Ok(field), Some(&gain)) if feasible => field.rate(gain),
+            let rate = match (&field, p.users.get(user)) {
+                (Ok(field), Some(user)) if feasible => {
+                    let amplitude = scale.amplitude(mission, table, place, user);
+                    field.rate(PowerGain(amplitude * amplitude))
+                }
                 _ => T::zero(),
             };
             visit(user, if rate.finite() { rate } else { T::zero() });

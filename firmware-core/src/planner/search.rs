@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! gain table -> first plan -> node rates -> [ prices -> settle -> polish -> order of service ] x rounds
+//!            -> polish -> order of service -> polish
 //! ```
 //!
 //! *Prices*: backward over the stages, forward from the vehicle, assignment of users, subgradient
@@ -31,10 +32,16 @@ const STAGE_FRACTIONS: [f64; 4] = [1.0, 0.4, 0.7, 0.55];
 const FIRST_SPACING: f64 = 0.5;
 /// Spacing of the stencils in which the order of service is changed.
 const ORDER_SPACING: f64 = 0.3;
+const ORDER_SPACING_AT_LAST: f64 = 0.15;
 /// Alternations of the dynamic programme for a given order with the assignment, per round.
 const SETTLES: u32 = 4;
-/// Relative gain below which a polish halves its spacing.
+/// Relative gain below which a polish halves its spacing, in the rounds and in the last one.
 const WORTHWHILE: f64 = 2e-4;
+const WORTHWHILE_AT_LAST: f64 = 3e-5;
+/// Relative gain of a round below which it counts as fruitless, and how many of those in a row
+/// end the rounds.
+const FRUITFUL: f64 = 1e-4;
+const FRUITLESS_ROUNDS: u32 = 3;
 /// Relative gain below which a change of order is not made.
 const WORTH_CHANGING: f64 = 1e-4;
 /// Nodes, or entries of the gain table, in one step.
@@ -97,6 +104,8 @@ enum Phase {
     Earn {
         slot: usize,
     },
+    /// The best plan of all rounds is improved once more.
+    Last,
     Done,
 }
 
@@ -119,6 +128,11 @@ pub(super) struct Search<T: Scalar, const M: usize, const J: usize> {
     round: u32,
     iteration: u32,
     settles: u32,
+    /// Rounds in a row that gained little, and the value before the present one.
+    fruitless: u32,
+    value_before: T,
+    /// Whether the rounds are over and the best plan is being improved once more.
+    is_last: bool,
     spacing_m: T,
     chains: Chains<T>,
     /// The value of the plan that is given out; `None` while it is not known.
@@ -154,6 +168,9 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             round: 0,
             iteration: 0,
             settles: 0,
+            fruitless: 0,
+            value_before: T::zero(),
+            is_last: false,
             spacing_m: T::zero(),
             chains: Chains::start(&route),
             route,
@@ -184,6 +201,9 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         self.round = 0;
         self.iteration = 0;
         self.settles = 0;
+        self.fruitless = 0;
+        self.value_before = T::zero();
+        self.is_last = false;
         self.best_total = None;
         self.current_total = T::zero();
         self.phase = match (route.slots, self.gains_ready) {
@@ -331,12 +351,25 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
                 };
                 order_operations() as u64
             }
+            Phase::Last => {
+                self.is_last = true;
+                self.settles = 0;
+                self.current_total = self.best_total.unwrap_or(T::zero());
+                parts.current.copy_from(&parts.best);
+                self.phase = self.begin_polish(FIRST_SPACING);
+                self.route.slots as u64
+            }
             Phase::Done => 0,
         }
     }
 
     fn order_spacing_m(&self) -> T {
-        self.stencil_step_m() * T::of(ORDER_SPACING)
+        self.stencil_step_m()
+            * T::of(if self.is_last {
+                ORDER_SPACING_AT_LAST
+            } else {
+                ORDER_SPACING
+            })
     }
 
     /// The longest step, and no more than crosses the places that can be visited.
@@ -511,7 +544,12 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
                 }
             }
             Trial::Polished => {
-                if !worthwhile(WORTHWHILE) {
+                let least = if self.is_last {
+                    WORTHWHILE_AT_LAST
+                } else {
+                    WORTHWHILE
+                };
+                if !worthwhile(least) {
                     self.spacing_m *= T::of(0.5);
                 }
                 let finest_m = self.stencil_step_m() * T::of(self.settings.finest_spacing);
@@ -555,14 +593,21 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
 
     fn end_round(&mut self) -> Phase {
         self.iteration = 0;
-        if !self.nodes_ready {
+        if !self.nodes_ready && !self.is_last {
             // Only an earlier plan has been improved so far.
             self.current_total = T::zero();
             return Phase::Nodes { node: 0 };
         }
-        self.round += 1;
-        if self.round >= self.settings.rounds {
+        if self.is_last {
             return Phase::Done;
+        }
+        self.round += 1;
+        let value = self.best_total.unwrap_or(T::zero());
+        let fruitful = value > self.value_before * T::of(1.0 + FRUITFUL);
+        self.fruitless = if fruitful { 0 } else { self.fruitless + 1 };
+        self.value_before = value;
+        if self.round >= self.settings.rounds || self.fruitless >= FRUITLESS_ROUNDS {
+            return Phase::Last;
         }
         let fraction = STAGE_FRACTIONS[self.round as usize % STAGE_FRACTIONS.len()];
         let stages = libm::ceil(self.capacity.stages as f64 * fraction) as usize;
