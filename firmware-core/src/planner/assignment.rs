@@ -112,7 +112,24 @@ pub(super) fn augment<T: Scalar, const M: usize>(
     let Some(end) = nearest.filter(|&user| distance[user].finite()) else {
         return false;
     };
-    // Reassign along the chain, from its end.
+    // The chain, from its end. Rounding could close it to a cycle, of which nobody gains a slot;
+    // then the end takes its slot from the user that loses least.
+    let spares = |user: usize| user < users && held(user) > owed(user);
+    let mut start = end;
+    for _ in 0..users {
+        if start >= users || spares(start) {
+            break;
+        }
+        start = before[start];
+    }
+    if !spares(start) {
+        let spare = (0..users).filter(|&user| spares(user));
+        let cheapest = spare.min_by(|&a, &b| edges[a][end].loss.order(&edges[b][end].loss));
+        let Some(cheapest) = cheapest else {
+            return false;
+        };
+        before[end] = cheapest;
+    }
     let mut user = end;
     for _ in 0..users {
         let from = before[user];
@@ -123,7 +140,7 @@ pub(super) fn augment<T: Scalar, const M: usize>(
             *slot = user as u8;
         }
         user = from;
-        if held(user) > owed(user) {
+        if spares(user) {
             break;
         }
     }
