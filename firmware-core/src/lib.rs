@@ -22,6 +22,7 @@
 //! | [`aircomp`] | MSE, rate and normalising factor as printed: the yardstick |
 //! | [`inner`] | the slot problem (eq:p1): the exact optimum, and the paper's own algorithm |
 //! | [`shield`] | hard constraints that hold whatever a policy says |
+//! | [`planner`] | a near-optimal plan for any mission, improved step by step, in flight too |
 //! | [`policy`] | who decides where to fly and whom to serve |
 //! | [`controller`] | plan and allocate |
 //! | [`link`] | frames to and from the ground |
@@ -65,6 +66,7 @@ pub mod inner;
 pub mod link;
 pub mod mission;
 pub mod onboard;
+pub mod planner;
 pub mod policy;
 pub mod scalar;
 pub mod shield;

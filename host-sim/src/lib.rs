@@ -17,6 +17,7 @@
 //! | [`experiment`] | the figures of the paper |
 
 pub mod allocation;
+pub mod benchmark;
 pub mod bound;
 pub mod conic;
 pub mod doctor;
@@ -27,6 +28,7 @@ pub mod interrupt;
 pub mod journal;
 pub mod link;
 pub mod nomographic;
+pub mod planner;
 pub mod policy;
 pub mod record;
 pub mod report;

@@ -8,7 +8,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use command::{bound, doctor, experiment, faults, run, scenario, solve, upload, vehicle};
+use command::{
+    benchmark, bound, doctor, experiment, faults, plan, run, scenario, solve, upload, vehicle,
+};
 
 /// A UAV that serves users and averages sensors over the air: flies missions, end to end.
 #[derive(Debug, Parser)]
@@ -36,6 +38,10 @@ enum Command {
     Solve(solve::SolveArguments),
     /// Certify the most that any mission can carry, and find a mission close to it
     Bound(bound::BoundArguments),
+    /// Plan a mission once with the onboard planner; write it for QGroundControl
+    Plan(plan::PlanArguments),
+    /// Fly policies through a set of missions and compare them with certified bounds
+    Benchmark(benchmark::BenchmarkArguments),
     /// The paper's figures, each as a CSV file and a drawing, with its claims judged
     Experiment(experiment::ExperimentArguments),
     /// Fly a mission with a board whose ground link is damaged, beside its twin; fail where they
@@ -56,6 +62,8 @@ fn main() -> ExitCode {
         Command::Doctor(arguments) => doctor::execute(&arguments),
         Command::Solve(arguments) => solve::execute(&arguments),
         Command::Bound(arguments) => bound::execute(&arguments),
+        Command::Plan(arguments) => plan::execute(&arguments),
+        Command::Benchmark(arguments) => benchmark::execute(&arguments),
         Command::Experiment(arguments) => experiment::execute(&arguments),
         Command::Faults(arguments) => faults::execute(&arguments),
         Command::Scenario(command) => scenario::execute(command),

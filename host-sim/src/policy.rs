@@ -13,13 +13,18 @@ use firmware_core::{
     policy::{Action, FixedPosition, Observation, Policy, Provenance, StraightLine, mlp::Mlp},
 };
 
-use crate::{bound, scenario::Scenario, search::SearchPolicy};
+use crate::{
+    bound,
+    planner::{self, HostPlanner, PlanProgress},
+    scenario::Scenario,
+    search::SearchPolicy,
+};
 
 /// Who decides, as named.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum PolicyChoice {
-    /// The trained policy that is shipped for the scenario; the straight line for a scenario of
-    /// one's own, or in a build without the feature `onnx`.
+    /// The trained policy that is shipped for the scenario; the onboard planner for every other
+    /// scenario, and in a build without the feature `onnx`.
     #[default]
     Shipped,
     /// Straight to the destination, nearest user.
@@ -28,6 +33,8 @@ pub enum PolicyChoice {
     Fixed,
     /// The near-optimal mission that `host-sim bound` finds, decided before take-off.
     Search,
+    /// The onboard planner, which plans before take-off and corrects its plan in flight.
+    Plan,
     /// A trained policy.
     File(PathBuf),
 }
@@ -41,12 +48,13 @@ impl FromStr for PolicyChoice {
             "straight-line" => Ok(Self::StraightLine),
             "fixed" => Ok(Self::Fixed),
             "search" => Ok(Self::Search),
+            "plan" => Ok(Self::Plan),
             _ => {
                 let path = PathBuf::from(text);
                 match path.extension().and_then(|extension| extension.to_str()) {
                     Some("onnx" | "policy") => Ok(Self::File(path)),
                     _ => Err(
-                        "must be shipped, straight-line, fixed, search, or a file that ends in .onnx or .policy"
+                        "must be shipped, plan, straight-line, fixed, search, or a file that ends in .onnx or .policy"
                             .into(),
                     ),
                 }
@@ -62,6 +70,7 @@ impl fmt::Display for PolicyChoice {
             Self::StraightLine => f.write_str("straight-line"),
             Self::Fixed => f.write_str("fixed"),
             Self::Search => f.write_str("search"),
+            Self::Plan => f.write_str("plan"),
             // Where a file lies is no part of what it decides.
             Self::File(path) => match path.file_name() {
                 Some(name) => name.to_string_lossy().fmt(f),
@@ -105,11 +114,22 @@ pub enum HostPolicy {
     Fixed(FixedPosition<f64, USERS_MAX>),
     /// A mission decided in advance.
     Search(SearchPolicy),
+    /// The onboard planner.
+    Plan(Box<HostPlanner>),
     /// A `.policy` file, run as the microcontroller runs it.
     Mlp(Box<Mlp<Vec<u8>>>),
     /// An `.onnx` file, run by tract.
     #[cfg(feature = "onnx")]
     Onnx(Box<OnnxPolicy>),
+}
+
+/// How far the preparation of a policy is.
+#[derive(Clone, Copy, Debug)]
+pub enum LoadProgress<'a> {
+    /// [`PolicyChoice::Search`] works.
+    Search(&'a bound::Progress),
+    /// [`PolicyChoice::Plan`] works.
+    Plan(&'a PlanProgress),
 }
 
 impl HostPolicy {
@@ -121,14 +141,15 @@ impl HostPolicy {
         Self::load_watched(choice, scenario, |_| {})
     }
 
-    /// As [`HostPolicy::load`]; calls `progress` after every step of a search.
+    /// As [`HostPolicy::load`]; calls `progress` while a search or a plan is being
+    /// made.
     ///
     /// # Errors
     /// As [`HostPolicy::load`].
     pub fn load_watched(
         choice: &PolicyChoice,
         scenario: &Scenario,
-        progress: impl FnMut(&bound::Progress),
+        mut progress: impl FnMut(LoadProgress<'_>),
     ) -> Result<(Self, String), String> {
         let mission = &scenario.mission;
         let policy = match choice {
@@ -139,13 +160,20 @@ impl HostPolicy {
                         return Ok((policy, name.into()));
                     }
                 }
-                return Self::load(&PolicyChoice::StraightLine, scenario);
+                return Self::load_watched(&PolicyChoice::Plan, scenario, progress);
             }
             PolicyChoice::StraightLine => Self::StraightLine(StraightLine::new(mission)),
             PolicyChoice::Fixed => Self::Fixed(FixedPosition::central(mission)),
             PolicyChoice::Search => {
-                let plan = bound::search(mission, progress).map_err(|error| error.to_string())?;
+                let plan = bound::search(mission, |step| progress(LoadProgress::Search(step)))
+                    .map_err(|error| error.to_string())?;
                 Self::Search(SearchPolicy::new(plan))
+            }
+            PolicyChoice::Plan => {
+                let mut planner =
+                    planner::new_planner(mission).map_err(|error| error.to_string())?;
+                planner::finish(&mut planner, |step| progress(LoadProgress::Plan(step)));
+                Self::Plan(Box::new(planner))
             }
             PolicyChoice::File(path) => {
                 let file = fs::read(path).map_err(|error| named(path, error))?;
@@ -190,7 +218,7 @@ impl HostPolicy {
     /// What a trained policy was trained for.
     pub fn provenance(&self) -> Option<&Provenance> {
         match self {
-            Self::StraightLine(_) | Self::Fixed(_) | Self::Search(_) => None,
+            Self::StraightLine(_) | Self::Fixed(_) | Self::Search(_) | Self::Plan(_) => None,
             Self::Mlp(policy) => Some(policy.provenance()),
             #[cfg(feature = "onnx")]
             Self::Onnx(policy) => Some(policy.provenance()),
@@ -209,6 +237,7 @@ impl Policy<f64, USERS_MAX> for HostPolicy {
             Self::StraightLine(policy) => policy.decide(observation),
             Self::Fixed(policy) => policy.decide(observation),
             Self::Search(policy) => policy.decide(observation),
+            Self::Plan(planner) => planner.decide(observation),
             Self::Mlp(policy) => policy.decide(observation),
             #[cfg(feature = "onnx")]
             Self::Onnx(policy) => policy.decide(observation),

@@ -1,10 +1,12 @@
 //! The command line, a module per subcommand: reads arguments, calls the library, prints.
 
+pub(crate) mod benchmark;
 pub(crate) mod board;
 pub(crate) mod bound;
 pub(crate) mod doctor;
 pub(crate) mod experiment;
 pub(crate) mod faults;
+pub(crate) mod plan;
 pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod solve;
@@ -20,7 +22,7 @@ use std::{
 
 use host_sim::{
     interrupt,
-    policy::{HostPolicy, PolicyChoice},
+    policy::{HostPolicy, LoadProgress, PolicyChoice},
     scenario::Scenario,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget};
@@ -85,17 +87,23 @@ pub(crate) fn load_scenario(argument: &Path) -> Result<Scenario, Failure> {
     Scenario::named(argument).map_err(Failure::bad_input)
 }
 
-/// The policy that `--policy` names, and its name in records. A search shows how far it is.
+/// The policy that `--policy` names, and its name in records. A search or a plan shows how far it
+/// is.
 pub(crate) fn load_policy(
     choice: &PolicyChoice,
     scenario: &Scenario,
 ) -> Result<(HostPolicy, String), Failure> {
     let spinner = ProgressBar::new_spinner().with_style(bound::style());
     let loaded = HostPolicy::load_watched(choice, scenario, |progress| {
-        spinner.set_message(format!(
-            "searching: {:.3} bit/s/Hz found, at most {:.3}, {} parts",
-            progress.lower, progress.upper, progress.leaves
-        ));
+        spinner.set_message(match progress {
+            LoadProgress::Search(progress) => format!(
+                "searching: {:.3} bit/s/Hz found, at most {:.3}, {} parts",
+                progress.lower, progress.upper, progress.leaves
+            ),
+            LoadProgress::Plan(progress) => {
+                format!("planning: {:.3} bit/s/Hz found", progress.value)
+            }
+        });
         spinner.tick();
     });
     spinner.finish_and_clear();

@@ -33,8 +33,9 @@ use super::{
 pub(crate) struct RunArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// Who decides: shipped (the policy that was trained for a shipped scenario; straight-line for
-    /// any other), straight-line, fixed, search, or a file that ends in .onnx or .policy
+    /// Who decides: shipped (the policy that was trained for a shipped scenario; plan for any other),
+    /// plan (the onboard planner, for any mission), straight-line, fixed, search, or a file that ends
+    /// in .onnx or .policy
     #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
     /// How the powers of a slot are chosen: exact, alternating (the paper's Alg. 1), or its

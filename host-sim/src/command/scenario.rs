@@ -1,4 +1,4 @@
-//! `host-sim scenario new|check|show`.
+//! `host-sim scenario new|random|check|show`.
 
 use std::{
     fs::File,
@@ -10,7 +10,7 @@ use clap::{Args, Subcommand};
 use firmware_core::{Position, autopilot::frames::MapFrame};
 use host_sim::{
     flight, report,
-    scenario::{Scenario, Topology, generate},
+    scenario::{Layout, Scenario, Topology, generate, random},
 };
 
 use super::{Failure, load_scenario};
@@ -20,6 +20,8 @@ use super::{Failure, load_scenario};
 pub(crate) enum Command {
     /// Make a scenario: Table I's parameters on a layout drawn at random
     New(NewArguments),
+    /// Draw whole missions from the benchmark's distribution
+    Random(RandomArguments),
     /// Read a scenario and say what is wrong with it, or that nothing is
     Check {
         /// The file, or the name of a shipped scenario: separated, mixed
@@ -62,6 +64,52 @@ pub(crate) struct NewArguments {
     overwrite: bool,
 }
 
+/// Which missions to draw.
+#[derive(Debug, Args)]
+pub(crate) struct RandomArguments {
+    /// The seed of the first mission; the next ones have the seeds that follow
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// How many missions
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    count: u64,
+    /// The layout of both users and sensors [default: each has one that is drawn]
+    #[arg(long, value_enum)]
+    layout: Option<Layout>,
+    /// The directory to write random-SEED.toml files into; one mission without it goes to standard
+    /// output
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace files that are there
+    #[arg(long, requires = "out")]
+    overwrite: bool,
+}
+
+/// Draws missions and writes them.
+fn draw(arguments: &RandomArguments, out: &mut impl Write) -> Result<(), Failure> {
+    if arguments.out.is_none() && arguments.count != 1 {
+        return Err(Failure::bad_input(format!(
+            "--count is {}: more than one mission needs --out DIR",
+            arguments.count
+        )));
+    }
+    for offset in 0..arguments.count {
+        let seed = arguments.seed.checked_add(offset);
+        let seed = seed.ok_or_else(|| Failure::bad_input("--seed and --count are too large"))?;
+        let scenario = random(seed, arguments.layout).map_err(Failure::bad_input)?;
+        match &arguments.out {
+            Some(folder) => {
+                let failed = |error| Failure::failed(format!("{}: {error}", folder.display()));
+                std::fs::create_dir_all(folder).map_err(failed)?;
+                let path = folder.join(format!("{}.toml", scenario.name));
+                save(&path, &scenario.to_toml(), arguments.overwrite)?;
+            }
+            None => out.write_all(scenario.to_toml().as_bytes())?,
+        }
+    }
+    Ok(())
+}
+
 /// Does it.
 pub(crate) fn execute(command: Command) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
@@ -86,6 +134,7 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
                 None => out.write_all(text.as_bytes())?,
             }
         }
+        Command::Random(arguments) => draw(&arguments, &mut out)?,
         Command::Check { scenario } => {
             let loaded = load_scenario(&scenario)?;
             writeln!(

@@ -5,6 +5,7 @@
 //! [`firmware_core::mission`], the only place that rejects a mission.
 
 mod choice;
+mod random;
 mod sensing;
 mod topology;
 
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 pub use choice::{Changes, ScenarioChoice};
+pub use random::{Layout, random};
 pub use sensing::{Function, Sensing, TemperatureField};
 pub use topology::{Topology, generate};
 

@@ -1,0 +1,486 @@
+//! A planner for any mission: where to fly and whom to serve in the slots that remain, close to
+//! the optimum, improved step by step while there is time.
+//!
+//! The outer problem (`docs/mathematics.md`, section 4) is a path (eq:traj1, eq:traj2) and a fair
+//! assignment of users to its slots (eq:a1 to eq:a3) with the largest sum of rates, each slot
+//! being solved exactly ([`crate::inner`]). The planner combines
+//!
+//! * prices on the users' quotas with backward dynamic programming over (stage, node) and a
+//!   forward pass from the vehicle's actual position,
+//! * the optimal assignment of users to the slots of a path,
+//! * the dynamic programme for a fixed order of service, in turn with the assignment,
+//! * continuous improvement of the waypoints in small stencils, and
+//! * changes of the order of service.
+//!
+//! # Anytime
+//!
+//! From its first moment a [`Planner`] has a feasible plan (at worst the fair straight line), and
+//! [`Planner::advance`] improves it, in steps of bounded work. A plan is only ever replaced by
+//! one with a larger sum of rates. The planner needs no allocator and no clock: the caller
+//! provides the [`Memory`] and decides how much work to ask for and when.
+//!
+//! # In flight
+//!
+//! [`Planner::restart`] continues from any state: slot, measured position, slots served so far
+//! and reach. [`Planner::change_mission`] takes over what has changed of users, sensors, threshold,
+//! noise or speed. Both keep the prices and as much of the old plan as stays feasible. As a
+//! [`Policy`], the planner follows its plan, corrected for where the vehicle is; the
+//! [shield](crate::shield) stays above it.
+//!
+//! ```
+//! # use firmware_core::{Mission, Position, Watt, mission::*, planner::*};
+//! # let place = |x: f32, y: f32| Position::new(x, y);
+//! # let parameters = MissionParameters::<f32, 16, 64> {
+//! #     slots: 20, slot_duration_s: 1.0, start: place(100.0, 100.0), destination: place(500.0, 300.0),
+//! #     area: Area { east_m: 600.0, north_m: 600.0 }, altitude_m: 100.0, max_speed_mps: 40.0,
+//! #     carrier_hz: 2e9, environment: Environment { a: 9.613, b: 0.158 },
+//! #     excess_loss_db: ExcessLoss { los: 1.0, nlos: 20.0 }, noise_power: Watt::from_dbm(-95.0),
+//! #     mse_threshold: 0.1, user_power_max: Watt(0.2), sensor_power_max: Watt(0.05),
+//! #     users: [place(100.0, 500.0), place(500.0, 100.0)].into_iter().collect(),
+//! #     sensors: [place(300.0, 300.0), place(350.0, 200.0), place(200.0, 250.0)].into_iter().collect(),
+//! # };
+//! # let mission = Mission::new(parameters)?;
+//! let capacity = Capacity::new(20, 2);
+//! let memory = (vec![0.0_f32; capacity.values()], vec![0_u8; capacity.indices()]);
+//! let mut planner = Planner::new(&mission, capacity, memory)?;
+//! while !planner.advance(100_000).finished {}
+//! let (first, gap) = (planner.waypoint(1), planner.gap_estimate());
+//! assert!(first.is_some() && gap.is_some_and(|gap| gap < 0.1));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod assignment;
+mod lattice;
+mod memory;
+mod order;
+mod place_rates;
+mod polish;
+mod prices;
+mod route;
+mod search;
+mod stages;
+
+use heapless::Vec;
+
+use crate::{
+    mission::Mission,
+    policy::{Action, Observation, Policy},
+    scalar::{Displacement, Position, Scalar},
+};
+use memory::Parts;
+use route::Route;
+use search::Search;
+
+pub use memory::{Capacity, Memory};
+
+/// How much work the planner does before it is finished.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Iterations of the prices in the first round.
+    pub first_iterations: u32,
+    /// Iterations of the prices in each later round.
+    pub later_iterations: u32,
+    /// Rounds of prices and improvement.
+    pub rounds: u32,
+    /// Spacing of the finest stencils, as a fraction of the longest step.
+    pub finest_spacing: f64,
+    /// The most changes of the order of service in a round.
+    pub changes: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            first_iterations: 12,
+            later_iterations: 20,
+            rounds: 8,
+            finest_spacing: 0.02,
+            changes: 60,
+        }
+    }
+}
+
+impl Settings {
+    fn iterations(&self, round: u32) -> u32 {
+        let iterations = match round {
+            0 => self.first_iterations,
+            _ => self.later_iterations,
+        };
+        iterations.max(1)
+    }
+}
+
+/// Error returned when a planner cannot be made for a mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlannerError {
+    /// The mission exceeds the capacity.
+    #[error("the mission has {got} {what}, but the planner holds at most {capacity}")]
+    TooLarge {
+        /// `slots` or `users`.
+        what: &'static str,
+        /// How many the mission has.
+        got: usize,
+        /// What the capacity is for.
+        capacity: usize,
+    },
+    /// The memory is smaller than the capacity needs.
+    #[error("the planner needs {needed} {what} of memory, but was given {got}")]
+    TooLittleMemory {
+        /// `numbers` or `bytes`.
+        what: &'static str,
+        /// What the capacity needs.
+        needed: usize,
+        /// What there is.
+        got: usize,
+    },
+}
+
+/// What a call of [`Planner::advance`] did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Operations that were carried out.
+    pub operations: u64,
+    /// Whether nothing is left to do: more calls change nothing.
+    pub finished: bool,
+}
+
+/// The state of a mission from which the rest is planned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannerState<'a, T: Scalar> {
+    /// The coming slot, 1 to `N`; beyond `N` nothing is left to plan.
+    pub slot: u32,
+    /// The measured position, metres. Outside the area, plans start at the nearest place in it;
+    /// where it is not finite, at the position known before.
+    pub position: Position<T>,
+    /// Slots that each user has been served so far; users without an entry have none.
+    pub counts: &'a [u32],
+    /// How far the vehicle gets in a slot now, metres. At most `V_max delta`; anything that is not
+    /// a number above 0 counts as `V_max delta`.
+    pub reach_m: T,
+}
+
+/// A plan for the rest of a mission, and the work that improves it. See the
+/// [module](self).
+///
+/// `M` is the capacity for users, `J` for sensors. Memory: `S`, of the size that [`Capacity`]
+/// states, and about 6 KiB of its own in single precision at the default capacities.
+#[derive(Clone, Debug)]
+pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
+    search: Search<T, M, J>,
+    memory: S,
+    /// The coming slot.
+    slot: u32,
+    counts: Vec<u32, M>,
+    reach_m: T,
+    /// Operations that [`Policy::decide`] may spend.
+    operations_per_slot: u64,
+}
+
+impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J> {
+    /// A planner for the whole of a mission. Its plan is the straight line until
+    /// [`advance`](Self::advance) is called.
+    ///
+    /// # Errors
+    /// A mission that exceeds the capacity, memory that is smaller than the capacity needs.
+    pub fn new(
+        mission: &Mission<T, M, J>,
+        capacity: Capacity,
+        memory: S,
+    ) -> Result<Self, PlannerError> {
+        let mut capacity = capacity;
+        capacity.nodes = capacity.nodes.max(4);
+        capacity.stages = capacity.stages.max(1);
+        let start = mission.parameters().start;
+        let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
+        let route = Route::new(mission, start, slots, reach_m);
+        let mut planner = Self {
+            search: Search::new(mission, capacity, Settings::default(), route),
+            memory,
+            slot: 1,
+            counts: Vec::new(),
+            reach_m,
+            operations_per_slot: 0,
+        };
+        planner.check(mission)?;
+        let (values, bytes) = planner.memory.parts();
+        for (what, needed, got) in [
+            ("numbers", capacity.values(), values.len()),
+            ("bytes", capacity.indices(), bytes.len()),
+        ] {
+            if got < needed {
+                return Err(PlannerError::TooLittleMemory { what, needed, got });
+            }
+        }
+        planner.begin(&[], start, false);
+        Ok(planner)
+    }
+
+    /// The same planner, working as `settings` say.
+    pub fn with_settings(mut self, settings: Settings) -> Self {
+        self.search.settings = settings;
+        self
+    }
+
+    /// As a [`Policy`], the planner may spend so many operations on each decision.
+    pub fn with_operations_per_slot(mut self, operations: u64) -> Self {
+        self.operations_per_slot = operations;
+        self
+    }
+
+    fn check(&self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
+        let capacity = &self.search.capacity;
+        for (what, got, capacity) in [
+            ("slots", mission.slots() as usize, capacity.slots),
+            // Users are kept as bytes.
+            ("users", mission.user_count(), capacity.users.min(256)),
+        ] {
+            if got > capacity {
+                return Err(PlannerError::TooLarge {
+                    what,
+                    got,
+                    capacity,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The mission that is planned.
+    pub fn mission(&self) -> &Mission<T, M, J> {
+        &self.search.mission
+    }
+
+    /// Plans the rest of the mission from another state. The prices are kept, and so is the part
+    /// of the plan that is still ahead and feasible, or can be made so by small corrections.
+    ///
+    /// Worst case: 29 candidate places for every slot that remains. The state is copied.
+    pub fn restart(&mut self, state: &PlannerState<'_, T>) {
+        let slots = self.search.mission.slots();
+        let slot = state.slot.clamp(1, slots + 1);
+        let ahead = slot.checked_sub(self.slot).map(|passed| passed as usize);
+        let limit_m = self.search.mission.reach_m();
+        let reach_m = state.reach_m;
+        self.reach_m = if reach_m.finite() && reach_m > T::zero() {
+            reach_m.min(limit_m)
+        } else {
+            limit_m
+        };
+        if let Some(passed) = ahead {
+            let mut parts = Parts::carve(&self.search.capacity, self.memory.parts());
+            parts.best.drop_first(passed);
+        }
+        self.slot = slot;
+        let position = state.position;
+        let finite = position.x.finite() && position.y.finite();
+        let position = if finite { position } else { self.search.from() };
+        self.begin(state.counts, position, ahead.is_some());
+    }
+
+    /// Takes over what is known now: positions of users and sensors, how many there are, threshold,
+    /// noise, powers, speed, number of slots. The area's grid and the prices start from the old
+    /// ones. Users keep their numbers. Call [`restart`](Self::restart) afterwards where the state
+    /// has changed, too.
+    ///
+    /// # Errors
+    /// A mission that exceeds the capacity; the old one stays.
+    pub fn change_mission(&mut self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
+        self.check(mission)?;
+        let kept = mission.slots() == self.search.mission.slots();
+        self.search.replace_mission(mission);
+        self.reach_m = self.reach_m.min(mission.reach_m());
+        self.slot = self.slot.min(mission.slots() + 1);
+        let (counts, position) = (self.counts.clone(), self.search.from());
+        self.begin(&counts, position, kept);
+        Ok(())
+    }
+
+    /// Sets up route, quotas and first plan for the coming slot.
+    fn begin(&mut self, counts: &[u32], position: Position<T>, keep: bool) {
+        let search = &mut self.search;
+        let slots = (search.mission.slots() + 1).saturating_sub(self.slot) as usize;
+        let route = Route::new(&search.mission, position, slots, self.reach_m);
+        let users = search.mission.user_count();
+        let quota = search.mission.quota();
+        // Those of users that may join are kept, too.
+        self.counts = counts.iter().copied().take(M).collect();
+        search.least = [0; M];
+        for (user, least) in search.least.iter_mut().enumerate().take(users) {
+            *least = quota.saturating_sub(counts.get(user).copied().unwrap_or(0));
+        }
+        reduce_to(&mut search.least, slots);
+        let mut parts = Parts::carve(&search.capacity, self.memory.parts());
+        let keep = keep && route.has_choice();
+        if keep {
+            route.anchor(&mut parts.best);
+        } else {
+            for slot in 0..slots {
+                parts.best.set_place(slot, route.straight(slot));
+            }
+        }
+        if !(keep && is_fair(&search.least, users, parts.best.users, slots)) {
+            serve_in_turn(&search.least, users, parts.best.users, slots);
+        }
+        parts.trial.copy_from(&parts.best);
+        parts.current.copy_from(&parts.best);
+        search.start(route, keep);
+    }
+
+    /// Improves the plan until `budget` operations are spent or nothing is left to do. Does
+    /// nothing for a budget of 0.
+    ///
+    /// An operation is about one multiplication and addition with its loads, 2 to 4 instructions.
+    /// The last step may exceed the budget, by at most [`largest_step`](Self::largest_step)
+    /// operations. More operations never give a worse plan.
+    pub fn advance(&mut self, budget: u64) -> Progress {
+        let mut parts = Parts::carve(&self.search.capacity, self.memory.parts());
+        let mut operations = 0;
+        while operations < budget && !self.search.is_done() {
+            operations += self.search.step(&mut parts).max(1);
+        }
+        Progress {
+            operations,
+            finished: self.search.is_done(),
+        }
+    }
+
+    /// The most operations that one step takes, whatever the budget.
+    pub fn largest_step(&self) -> u64 {
+        self.search.largest_step()
+    }
+
+    /// The sum of the rates of the plan, bit/s/Hz, from the coming slot on; 0 while the first
+    /// plan has not been evaluated, which takes one evaluation of the rates for every slot.
+    pub fn value(&self) -> T {
+        self.search.best_total.unwrap_or(T::zero())
+    }
+
+    /// An estimate of what no plan can exceed, bit/s/Hz: the least dual value on the planner's
+    /// grid. An estimate and no bound, because values are interpolated between the nodes and
+    /// stages are several slots long; `host-sim bound` certifies one. `None` before the first
+    /// iteration of the prices.
+    pub fn upper_estimate(&self) -> Option<T> {
+        let dual = self.search.prices.least_dual;
+        dual.finite().then(|| dual.max(self.value()))
+    }
+
+    /// An estimate of the gap `(upper - value) / upper` to the optimum, from 0 to 1; see
+    /// [`upper_estimate`](Self::upper_estimate).
+    pub fn gap_estimate(&self) -> Option<T> {
+        let upper = self.upper_estimate()?;
+        if upper <= T::zero() {
+            return Some(T::zero());
+        }
+        Some(((upper - self.value()) / upper).max(T::zero()))
+    }
+
+    /// The prices of fairness `lambda_m`, bit/s/Hz, one per user.
+    pub fn prices(&self) -> &[T] {
+        let users = self.search.users();
+        self.search.prices.values.get(..users).unwrap_or(&[])
+    }
+
+    /// The coming slot, from which on the plan holds.
+    pub fn slot(&self) -> u32 {
+        self.slot
+    }
+
+    /// The index of a slot in the plan.
+    fn index(&self, slot: u32) -> Option<usize> {
+        let index = slot.checked_sub(self.slot)? as usize;
+        (index < self.search.route.slots).then_some(index)
+    }
+
+    /// Where the vehicle is to be at the end of a slot, metres; `None` for slots that are not
+    /// ahead.
+    pub fn waypoint(&mut self, slot: u32) -> Option<Position<T>> {
+        let index = self.index(slot)?;
+        let parts = Parts::carve(&self.search.capacity, self.memory.parts());
+        Some(parts.best.place(index))
+    }
+
+    /// Who is to be served in a slot, from 0; `None` for slots that are not ahead.
+    pub fn served_user(&mut self, slot: u32) -> Option<usize> {
+        let index = self.index(slot)?;
+        let parts = Parts::carve(&self.search.capacity, self.memory.parts());
+        Some(parts.best.user(index))
+    }
+
+    /// Whether the plan starts from this state, so that there is nothing to correct.
+    fn is_at(&self, observation: &Observation<'_, T>) -> bool {
+        let count = |counts: &[u32], user| counts.get(user).copied().unwrap_or(0);
+        observation.slot == self.slot
+            && observation.position == self.search.from()
+            && (0..self.search.users())
+                .all(|user| count(observation.counts, user) == count(&self.counts, user))
+    }
+}
+
+impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for Planner<T, S, M, J> {
+    /// The plan's waypoint and user, after the plan has been corrected for the observed state and
+    /// the operations per slot have been spent on improving it.
+    fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
+        if !self.is_at(observation) {
+            self.restart(&PlannerState {
+                slot: observation.slot,
+                position: observation.position,
+                counts: observation.counts,
+                reach_m: self.reach_m,
+            });
+        }
+        self.advance(self.operations_per_slot);
+        let here = observation.position;
+        let waypoint = self.waypoint(observation.slot);
+        let served = self.served_user(observation.slot);
+        let score = |user| {
+            if served == Some(user) {
+                T::one()
+            } else {
+                T::zero()
+            }
+        };
+        let users = observation.counts.len().min(M);
+        Action {
+            displacement: waypoint.map_or(Displacement::zeros(), |waypoint| waypoint - here),
+            user_scores: (0..users).map(score).collect(),
+        }
+    }
+}
+
+/// Lowers what users are owed to `slots` in all, the largest claims first.
+fn reduce_to<const M: usize>(least: &mut [u32; M], slots: usize) {
+    let sum = |least: &[u32; M]| -> usize { least.iter().map(|&count| count as usize).sum() };
+    while sum(least) > slots {
+        let Some(largest) = least.iter_mut().max() else {
+            return;
+        };
+        *largest -= 1;
+    }
+}
+
+/// Whether an order of service has only users that there are, and gives each what it is owed.
+fn is_fair<const M: usize>(least: &[u32; M], users: usize, served: &[u8], slots: usize) -> bool {
+    let served = served.get(..slots).unwrap_or(&[]);
+    let counts: [u32; M] = assignment::counts(served);
+    served.iter().all(|&user| usize::from(user) < users)
+        && counts
+            .iter()
+            .zip(least)
+            .all(|(count, least)| count >= least)
+}
+
+/// A fair order of service without knowledge of rates: in turn, those first that are owed most.
+fn serve_in_turn<const M: usize>(least: &[u32; M], users: usize, served: &mut [u8], slots: usize) {
+    let mut owed = *least;
+    for served in served.iter_mut().take(slots) {
+        let mut next = 0;
+        for user in 1..users.min(M) {
+            if owed.get(user) > owed.get(next) {
+                next = user;
+            }
+        }
+        *served = next as u8;
+        if let Some(owed) = owed.get_mut(next) {
+            *owed = owed.saturating_sub(1);
+        }
+    }
+}

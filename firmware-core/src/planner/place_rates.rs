@@ -1,0 +1,174 @@
+//! The rates of the users as a function of the vehicle's position.
+//!
+//! Rates come from the exact solution of the slot problem ([`crate::inner`]). The channel's
+//! amplitude gains come from a table over the horizontal distance, because the line-of-sight
+//! model costs an arc sine and two exponentials per node on the ground. Where the table is not
+//! accurate (extreme altitudes), the model itself is evaluated.
+
+use crate::{
+    inner::{SlotLimits, Workspace},
+    mission::Mission,
+    scalar::{Position, Scalar},
+    units::PowerGain,
+};
+
+/// Intervals of the gain table.
+const INTERVALS: usize = 256;
+/// Entries of the gain table: one more before and two more after the interpolated range.
+pub(super) const GAIN_ENTRIES: usize = INTERVALS + 4;
+/// Largest relative error of the table, in the middle of an interval, at which it is used.
+const TABLE_TOLERANCE: f64 = 2e-5;
+
+/// The scale of the gain table. Entry `i` is for the horizontal distance `d` with
+/// `d / (d + knee) = (i - 1) / INTERVALS * end`: fine nearby, coarse far away.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GainScale<T> {
+    knee_m: T,
+    /// Table intervals per unit of `d / (d + knee)`.
+    intervals: T,
+    /// Whether the table is accurate enough to be used.
+    accurate: bool,
+}
+
+impl<T: Scalar> GainScale<T> {
+    /// For all distances within a mission's area. The table has to be [filled](Self::fill).
+    pub(super) fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        let p = mission.parameters();
+        let longest_m = p.area.east_m + p.area.north_m;
+        let knee_m = p.altitude_m * T::of(4.0);
+        let end = longest_m / (longest_m + knee_m);
+        Self {
+            knee_m,
+            intervals: T::count(INTERVALS) / end,
+            accurate: true,
+        }
+    }
+
+    /// Writes entry `index` of the table and checks the interval that it completes. Entries are
+    /// written in ascending order. Worst case: two evaluations of the channel model.
+    pub(super) fn fill<const M: usize, const J: usize>(
+        &mut self,
+        mission: &Mission<T, M, J>,
+        table: &mut [T],
+        index: usize,
+    ) {
+        let Some(entry) = table.get_mut(index) else {
+            return;
+        };
+        let amplitude = |x: T| {
+            let distance_m = self.distance_m(x - T::one());
+            mission.channel().power_gain_across(distance_m).amplitude()
+        };
+        *entry = amplitude(T::count(index));
+        if index >= 4 {
+            let middle = T::count(index - 2) - T::of(0.5);
+            let exact = amplitude(middle);
+            let distance_m = self.distance_m(middle - T::one());
+            let error = (self.look_up(table, distance_m) - exact).abs();
+            // False for NaN, too.
+            self.accurate &= error <= exact * T::of(TABLE_TOLERANCE);
+        }
+    }
+
+    /// The amplitude gain between a vehicle over `place` and a node on the ground.
+    fn amplitude<const M: usize, const J: usize>(
+        &self,
+        mission: &Mission<T, M, J>,
+        table: &[T],
+        place: &Position<T>,
+        node: &Position<T>,
+    ) -> T {
+        let distance_m = (place - node).norm();
+        if self.accurate {
+            self.look_up(table, distance_m)
+        } else {
+            mission.channel().power_gain_across(distance_m).amplitude()
+        }
+    }
+
+    /// The distance at `x` intervals, not negative; the entries outside the range mirror or
+    /// extend it.
+    fn distance_m(&self, x: T) -> T {
+        let u = (x / self.intervals).abs().min(T::of(0.999));
+        self.knee_m * u / (T::one() - u)
+    }
+
+    /// Cubic interpolation in the table.
+    fn look_up(&self, table: &[T], distance_m: T) -> T {
+        let x = distance_m / (distance_m + self.knee_m) * self.intervals;
+        let index = (x.to_f64() as usize).min(INTERVALS - 1);
+        let t = x - T::count(index);
+        let Some(&[p0, p1, p2, p3]) = table.get(index..index + 4) else {
+            return T::zero();
+        };
+        let (half, third, sixth) = (T::of(0.5), T::of(1.0 / 3.0), T::of(1.0 / 6.0));
+        let c1 = p2 - p0 * third - p1 * half - p3 * sixth;
+        let c2 = (p0 + p2) * half - p1;
+        let c3 = (p3 - p0) * sixth + (p1 - p2) * half;
+        (((c3 * t + c2) * t + c1) * t + p1).max(T::zero())
+    }
+}
+
+/// What is needed to evaluate rates at a place.
+pub(super) struct PlaceRates<'a, T: Scalar, const M: usize, const J: usize> {
+    pub(super) mission: &'a Mission<T, M, J>,
+    pub(super) limits: &'a SlotLimits<T>,
+    pub(super) scale: &'a GainScale<T>,
+    pub(super) table: &'a [T],
+    pub(super) workspace: &'a mut Workspace<T, J>,
+}
+
+impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
+    /// The operations that one place costs: an estimate that work is budgeted by.
+    pub(super) fn operations(mission: &Mission<T, M, J>) -> u64 {
+        (60 * mission.sensor_count() + 100 * mission.user_count()) as u64
+    }
+
+    /// Calls `visit` with the rate, bit/s/Hz, of every user in `users` with the vehicle over
+    /// `place`; 0 where no choice meets `Gamma`. Worst case: one sort of `J` sensors, then
+    /// `O(log J)` per user.
+    pub(super) fn each(
+        &mut self,
+        place: &Position<T>,
+        users: impl Iterator<Item = usize>,
+        mut visit: impl FnMut(usize, T),
+    ) {
+        let p = self.mission.parameters();
+        let mut amplitudes = [T::zero(); J];
+        for (amplitude, sensor) in amplitudes.iter_mut().zip(&p.sensors) {
+            *amplitude = self
+                .scale
+                .amplitude(self.mission, self.table, place, sensor);
+        }
+        let (scale, table, mission) = (self.scale, self.table, self.mission);
+        let sensors = amplitudes.get(..p.sensors.len()).unwrap_or(&[]);
+        let field = self.workspace.sensors_of_amplitude(self.limits, sensors);
+        let feasible = field.as_ref().is_ok_and(|field| field.is_feasible());
+        for user in users {
+            let rate = match (&field, p.users.get(user)) {
+                (Ok(field), Some(user)) if feasible => {
+                    let amplitude = scale.amplitude(mission, table, place, user);
+                    field.rate(PowerGain(amplitude * amplitude))
+                }
+                _ => T::zero(),
+            };
+            visit(user, if rate.finite() { rate } else { T::zero() });
+        }
+    }
+
+    /// Writes the rate of every user, bit/s/Hz, into `row`, which has one entry per user.
+    pub(super) fn write(&mut self, place: &Position<T>, row: &mut [T]) {
+        self.each(place, 0..row.len(), |user, rate| {
+            if let Some(entry) = row.get_mut(user) {
+                *entry = rate;
+            }
+        });
+    }
+
+    /// The rate of one user, bit/s/Hz.
+    pub(super) fn of_user(&mut self, place: &Position<T>, user: usize) -> T {
+        let mut found = T::zero();
+        self.each(place, core::iter::once(user), |_, rate| found = rate);
+        found
+    }
+}

@@ -1,0 +1,153 @@
+//! Which paths are feasible from the present state: speed, area and arrival (eq:traj1, eq:traj2).
+
+use super::memory::PathMut;
+use crate::{
+    mission::{Area, Mission},
+    scalar::{Position, Scalar},
+    shield::{ReachableSet, rounding_m},
+};
+
+/// The constraints on the rest of a mission.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Route<T: Scalar> {
+    /// Where the vehicle is, or the nearest place in the area.
+    pub(super) from: Position<T>,
+    pub(super) destination: Position<T>,
+    pub(super) area: Area<T>,
+    /// Slots that remain, the coming one included.
+    pub(super) slots: usize,
+    /// The longest step of a plan, metres: the reach less the margin for rounding.
+    pub(super) step_m: T,
+    /// The longest step that counts as feasible: between `step_m` and the reach.
+    longest_m: T,
+    /// How far from the destination a plan may end, metres.
+    pub(super) arrival_m: T,
+}
+
+impl<T: Scalar> Route<T> {
+    /// For `slots` slots from `position`, each at most `reach_m` long.
+    pub(super) fn new<const M: usize, const J: usize>(
+        mission: &Mission<T, M, J>,
+        position: Position<T>,
+        slots: usize,
+        reach_m: T,
+    ) -> Self {
+        let p = mission.parameters();
+        let rounding = rounding_m(&p.area, reach_m);
+        let least_m = reach_m * T::of(0.5);
+        let within = |value: T, extent: T| value.max(T::zero()).min(extent);
+        Self {
+            from: Position::new(
+                within(position.x, p.area.east_m),
+                within(position.y, p.area.north_m),
+            ),
+            destination: p.destination,
+            area: p.area,
+            slots,
+            step_m: (reach_m - rounding * T::of(3.0)).max(least_m),
+            longest_m: (reach_m - rounding * T::of(2.0)).max(least_m),
+            arrival_m: (mission.reach_m() - rounding * T::of(2.0))
+                .max(mission.reach_m() * T::of(0.5)),
+        }
+    }
+
+    /// Whether the destination can be reached with the margins kept. Where it cannot, the only
+    /// plan is the straight line.
+    pub(super) fn has_choice(&self) -> bool {
+        let limit_m = T::count(self.slots) * self.step_m + self.arrival_m;
+        (self.destination - self.from).norm() <= limit_m && self.slots > 0
+    }
+
+    /// Whether a vehicle gets from one place to the other in a slot.
+    pub(super) fn joins(&self, from: &Position<T>, to: &Position<T>) -> bool {
+        (to - from).norm_squared() <= self.longest_m * self.longest_m
+    }
+
+    /// Whether the destination can be reached after `done` slots that end at `place`.
+    pub(super) fn leads_home(&self, place: &Position<T>, done: usize) -> bool {
+        let left = self.slots.saturating_sub(done);
+        let limit_m = T::count(left) * self.step_m + self.arrival_m;
+        // The same slack as a step has.
+        let slack_m = self.longest_m - self.step_m;
+        (place - self.destination).norm() <= limit_m + slack_m
+    }
+
+    /// Waypoint `index` of the straight line to the destination at constant speed.
+    pub(super) fn straight(&self, index: usize) -> Position<T> {
+        let way = self.destination - self.from;
+        let steps = T::count(index + 1);
+        let distance_m = way.norm();
+        let even = steps / T::count(self.slots.max(1));
+        let fraction = if distance_m > T::zero() {
+            even.min(steps * self.step_m / distance_m)
+        } else {
+            even
+        };
+        self.inside(&(self.from + way * fraction.min(T::one())))
+    }
+
+    /// The nearest place in the area.
+    pub(super) fn inside(&self, place: &Position<T>) -> Position<T> {
+        Position::new(
+            place.x.max(T::zero()).min(self.area.east_m),
+            place.y.max(T::zero()).min(self.area.north_m),
+        )
+    }
+
+    /// Draws every waypoint that is out of reach to the nearest place that is not. Returns the
+    /// longest correction, metres. Worst case: 29 candidates per waypoint.
+    pub(super) fn anchor(&self, path: &mut PathMut<'_, T>) -> T {
+        let mut from = self.from;
+        let mut moved_m = T::zero();
+        for index in 0..self.slots {
+            let wish = self.inside(&path.place(index));
+            let done = index + 1;
+            if self.joins(&from, &wish) && self.leads_home(&wish, done) {
+                from = wish;
+            } else {
+                let home_m = T::count(self.slots - done) * self.step_m + self.arrival_m;
+                let set = ReachableSet::new(self.area, from, self.step_m, self.destination, home_m);
+                from = set.nearest(&wish).unwrap_or_else(|| self.towards(&from));
+                moved_m = moved_m.max((from - wish).norm());
+            }
+            path.set_place(index, from);
+        }
+        moved_m
+    }
+
+    /// One step straight to the destination.
+    fn towards(&self, from: &Position<T>) -> Position<T> {
+        let way = self.destination - from;
+        let distance_m = way.norm();
+        if distance_m <= self.step_m {
+            return self.destination;
+        }
+        self.inside(&(from + way * (self.step_m / distance_m)))
+    }
+
+    /// The box around all places that a mission can still visit: south-west and north-east
+    /// corner.
+    pub(super) fn extent(&self) -> (Position<T>, Position<T>) {
+        let half = T::of(0.5);
+        let way = self.destination - self.from;
+        let distance_m = way.norm();
+        let total_m = (T::count(self.slots) * self.step_m + self.arrival_m).max(distance_m);
+        let middle = self.from + way * half;
+        let (a, c) = (total_m * half, distance_m * half);
+        let b_squared = (a * a - c * c).max(T::zero());
+        let along = |component: T| {
+            let cosine = if distance_m > T::zero() {
+                component / distance_m
+            } else {
+                T::one()
+            };
+            let square = cosine * cosine;
+            (a * a * square + b_squared * (T::one() - square).max(T::zero())).sqrt()
+        };
+        let (east_m, north_m) = (along(way.x), along(way.y));
+        (
+            self.inside(&Position::new(middle.x - east_m, middle.y - north_m)),
+            self.inside(&Position::new(middle.x + east_m, middle.y + north_m)),
+        )
+    }
+}

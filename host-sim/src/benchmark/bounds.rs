@@ -1,0 +1,94 @@
+//! Certified bounds as a file: `bounds.csv` beside the scenarios.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{bound, scenario::Scenario};
+
+/// The name of the file.
+const FILE_NAME: &str = "bounds.csv";
+
+/// The certified bound of one mission.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BoundRecord {
+    /// The scenario's name.
+    pub mission: String,
+    /// The mission's digest.
+    pub digest: String,
+    /// No mission has a larger sum of rates, bit/s/Hz.
+    pub upper: f64,
+    /// The sum of rates of the mission that the bound's own search found, bit/s/Hz.
+    pub lower: f64,
+    /// `(upper - lower) / upper`.
+    pub gap: f64,
+}
+
+/// The bounds of a set of missions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Bounds {
+    records: Vec<BoundRecord>,
+}
+
+impl Bounds {
+    /// Reads `bounds.csv` of a directory; no bounds where there is no such file.
+    ///
+    /// # Errors
+    /// A file that is not readable: one line.
+    pub fn read(folder: &Path) -> Result<Self, String> {
+        let path = folder.join(FILE_NAME);
+        if !path.exists() {
+            return Ok(Self::default());
+        }
+        let named = |error: csv::Error| format!("{}: {error}", path.display());
+        let mut reader = csv::Reader::from_path(&path).map_err(named)?;
+        let records: Result<Vec<BoundRecord>, _> = reader.deserialize().collect();
+        Ok(Self {
+            records: records.map_err(named)?,
+        })
+    }
+
+    /// Writes `bounds.csv` into a directory, by name of the mission.
+    ///
+    /// # Errors
+    /// A file that cannot be written: one line.
+    pub fn write(&self, folder: &Path) -> Result<(), String> {
+        let path = folder.join(FILE_NAME);
+        let named = |error: csv::Error| format!("{}: {error}", path.display());
+        let mut writer = csv::Writer::from_path(&path).map_err(named)?;
+        for record in &self.records {
+            writer.serialize(record).map_err(named)?;
+        }
+        writer
+            .flush()
+            .map_err(|error| format!("{}: {error}", path.display()))
+    }
+
+    /// The bound of a mission with this digest.
+    pub fn of(&self, digest: &str) -> Option<&BoundRecord> {
+        self.records.iter().find(|record| record.digest == digest)
+    }
+
+    /// Adds a record, in place of one for the same scenario name.
+    pub fn insert(&mut self, record: BoundRecord) {
+        self.records.retain(|known| known.mission != record.mission);
+        self.records.push(record);
+        self.records.sort_by(|a, b| a.mission.cmp(&b.mission));
+    }
+
+    /// Certifies the bound of a scenario at the default settings. Seconds to minutes.
+    ///
+    /// # Errors
+    /// A mission that is too large to be bounded: one line.
+    pub fn certify(scenario: &Scenario) -> Result<BoundRecord, String> {
+        let bound = bound::certify(&scenario.mission, &bound::Settings::default(), |_| {})
+            .map_err(|error| format!("{}: {error}", scenario.name))?;
+        Ok(BoundRecord {
+            mission: scenario.name.clone(),
+            digest: scenario.digest(),
+            upper: bound.upper,
+            lower: bound.lower,
+            gap: bound.gap,
+        })
+    }
+}

@@ -1,0 +1,135 @@
+//! Policies compared over a set of missions, as shares of certified upper bounds.
+//!
+//! A set is a directory with scenario files and `bounds.csv`, the certified bounds of their
+//! missions. A bound belongs to a mission's digest, so a file that has been changed since has
+//! none.
+
+mod bounds;
+mod statistics;
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    allocation::Allocation,
+    flight::{self, FlightSettings, Pace, Peer},
+    policy::{HostPolicy, PolicyChoice},
+    scenario::Scenario,
+    vehicle::{Profile, Vehicle},
+};
+
+pub use bounds::{BoundRecord, Bounds};
+pub use statistics::{PolicyStatistics, statistics};
+
+/// The largest certified gap at which a mission counts in the statistics of shares.
+pub const COUNTED_GAP: f64 = 0.02;
+
+/// The scenarios of a directory, by name.
+///
+/// # Errors
+/// A directory that cannot be read or has no scenario, a scenario that is not valid: one line.
+pub fn missions(folder: &Path) -> Result<Vec<Scenario>, String> {
+    let unreadable = |error: io::Error| format!("{}: {error}", folder.display());
+    let entries = fs::read_dir(folder).map_err(unreadable)?;
+    let mut files: Vec<PathBuf> = Vec::new();
+    for entry in entries {
+        let path = entry.map_err(unreadable)?.path();
+        if path.extension().is_some_and(|kind| kind == "toml") {
+            files.push(path);
+        }
+    }
+    if files.is_empty() {
+        return Err(format!(
+            "{}: no scenario here (files that end in .toml)",
+            folder.display()
+        ));
+    }
+    files.sort();
+    files
+        .iter()
+        .map(|file| Scenario::load(file).map_err(|error| error.to_string()))
+        .collect()
+}
+
+/// How one policy did on one mission.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Flown {
+    /// The scenario's name.
+    pub mission: String,
+    /// The mission's digest.
+    pub digest: String,
+    /// The policy as asked for.
+    pub policy: String,
+    /// The vehicle.
+    pub profile: String,
+    /// The sum of the rates, bit/s/Hz; NaN where the policy does not fit the mission.
+    pub sum_rate: f64,
+    /// Constraints broken: speed, area, arrival and fairness; a flight that did not end as planned
+    /// counts as one more.
+    pub violations: usize,
+    /// Slots whose average was less accurate than `Gamma`: over places at which no choice of
+    /// powers meets it, and users are silent.
+    pub inaccurate_slots: usize,
+    /// Wall-clock time to prepare the policy (a plan, a search), seconds.
+    pub preparation_s: f64,
+    /// Median time of a decision, microseconds.
+    pub decision_us: f64,
+}
+
+/// Flies one mission with one policy and the built-in vehicle.
+pub fn fly(scenario: &Scenario, choice: &PolicyChoice, profile: Profile) -> Flown {
+    let started = Instant::now();
+    let loaded = HostPolicy::load(choice, scenario);
+    let mut flown = Flown {
+        mission: scenario.name.clone(),
+        digest: scenario.digest(),
+        policy: choice.to_string(),
+        profile: profile.to_string(),
+        sum_rate: f64::NAN,
+        violations: 0,
+        inaccurate_slots: 0,
+        preparation_s: started.elapsed().as_secs_f64(),
+        decision_us: f64::NAN,
+    };
+    let Ok((policy, name)) = loaded else {
+        return flown;
+    };
+    let settings = FlightSettings {
+        policy: name,
+        inner: Allocation::Exact,
+        profile,
+        pace: Pace::Max,
+        seed: 1,
+        symbols_per_slot: 1,
+    };
+    let vehicle = Vehicle::new(flight::vehicle_settings(scenario, profile));
+    let record = flight::fly(
+        scenario,
+        policy,
+        &settings,
+        Peer::built_in(vehicle),
+        &mut (),
+    );
+    let record = match record {
+        Ok(record) => Some(Box::new(record)),
+        Err(failed) => {
+            flown.violations += 1;
+            failed.record
+        }
+    };
+    if let Some(record) = record {
+        let summary = record.summary();
+        flown.sum_rate = summary.sum_rate;
+        flown.violations += summary.constraint_violations
+            + usize::from(!summary.arrived)
+            + usize::from(!summary.fair);
+        flown.inaccurate_slots = summary.mse_violations;
+        flown.decision_us = summary.plan_us.median;
+    }
+    flown
+}

@@ -1,0 +1,126 @@
+//! What a policy reached over all missions.
+
+use serde::Serialize;
+
+use super::{Bounds, COUNTED_GAP, Flown};
+
+/// The statistics of one policy.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PolicyStatistics {
+    /// The policy.
+    pub policy: String,
+    /// Missions flown.
+    pub flown: usize,
+    /// Missions that the policy does not fit.
+    pub refused: usize,
+    /// Missions that count: flown, with a certified gap of at most [`COUNTED_GAP`].
+    pub counted: usize,
+    /// Mean share of the certified upper bound over those that count.
+    pub mean: f64,
+    /// Its 5 % quantile (nearest rank).
+    pub quantile_5: f64,
+    /// The least share.
+    pub worst: f64,
+    /// The mission with the least share.
+    pub worst_mission: String,
+    /// Constraints broken, over all missions flown.
+    pub violations: usize,
+    /// Slots less accurate than `Gamma`, over all missions flown.
+    pub inaccurate_slots: usize,
+    /// Median time of preparation, seconds.
+    pub preparation_median_s: f64,
+    /// Longest time of preparation, seconds.
+    pub preparation_max_s: f64,
+    /// Median over missions of the median time of a decision, microseconds.
+    pub decision_median_us: f64,
+}
+
+/// The statistics of `policy` over what it has flown; NaN where nothing counts.
+pub fn statistics(policy: &str, flights: &[Flown], bounds: &Bounds) -> PolicyStatistics {
+    let own = || flights.iter().filter(|flown| flown.policy == policy);
+    let flown = || own().filter(|flown| !flown.sum_rate.is_nan());
+    let mut shares: Vec<(f64, &str)> = flown()
+        .filter_map(|flown| {
+            let bound = bounds.of(&flown.digest)?;
+            let counts = bound.gap <= COUNTED_GAP && bound.upper > 0.0;
+            counts.then(|| (flown.sum_rate / bound.upper, flown.mission.as_str()))
+        })
+        .collect();
+    shares.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let sorted = |value: fn(&Flown) -> f64| {
+        let mut values: Vec<f64> = flown().map(value).collect();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let preparation = sorted(|flown| flown.preparation_s);
+    let decision = sorted(|flown| flown.decision_us);
+    let median = |values: &[f64]| values.get(values.len() / 2).copied().unwrap_or(f64::NAN);
+    let sum: f64 = shares.iter().map(|(share, _)| share).sum();
+    let rank = (shares.len() as f64 * 0.05).ceil() as usize;
+    let at = |index: usize| shares.get(index).map_or(f64::NAN, |(share, _)| *share);
+    PolicyStatistics {
+        policy: policy.into(),
+        flown: flown().count(),
+        refused: own().count() - flown().count(),
+        counted: shares.len(),
+        mean: sum / shares.len() as f64,
+        quantile_5: at(rank.saturating_sub(1)),
+        worst: at(0),
+        worst_mission: shares.first().map_or("", |(_, name)| name).into(),
+        violations: flown().map(|flown| flown.violations).sum(),
+        inaccurate_slots: flown().map(|flown| flown.inaccurate_slots).sum(),
+        preparation_median_s: median(&preparation),
+        preparation_max_s: preparation.last().copied().unwrap_or(f64::NAN),
+        decision_median_us: median(&decision),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::benchmark::BoundRecord;
+
+    fn flown(index: usize, sum_rate: f64) -> Flown {
+        Flown {
+            mission: format!("m{index}"),
+            digest: format!("d{index}"),
+            policy: "plan".into(),
+            profile: "ideal".into(),
+            sum_rate,
+            violations: index % 2,
+            inaccurate_slots: 0,
+            preparation_s: index as f64,
+            decision_us: 1.0,
+        }
+    }
+
+    /// 40 missions with shares 0.61 to 1.00: the 5 % quantile is the second smallest. One mission
+    /// with a loose bound and one that the policy refused do not count.
+    #[test]
+    fn shares_are_of_missions_with_close_bounds() {
+        let mut bounds = Bounds::default();
+        let mut flights = vec![];
+        for index in 0..42 {
+            bounds.insert(BoundRecord {
+                mission: format!("m{index}"),
+                digest: format!("d{index}"),
+                upper: 10.0,
+                lower: 9.9,
+                gap: if index == 40 { 0.05 } else { 0.01 },
+            });
+            let share = 1.0 - index as f64 / 100.0;
+            let sum_rate = if index == 41 { f64::NAN } else { 10.0 * share };
+            flights.push(flown(index, sum_rate));
+        }
+        let found = statistics("plan", &flights, &bounds);
+        assert_eq!((found.flown, found.refused, found.counted), (41, 1, 40));
+        assert!((found.mean - 0.805).abs() < 1e-12);
+        assert!((found.quantile_5 - 0.62).abs() < 1e-12);
+        assert!((found.worst - 0.61).abs() < 1e-12);
+        assert_eq!(
+            (found.worst_mission.as_str(), found.violations),
+            ("m39", 20)
+        );
+        assert_eq!(statistics("fixed", &flights, &bounds).counted, 0);
+    }
+}

@@ -1,0 +1,223 @@
+//! `host-sim benchmark`: policies over a set of missions, as shares of certified bounds.
+
+use std::{
+    collections::BTreeSet,
+    fs::{self, File},
+    io::Write,
+    path::{Path, PathBuf},
+    str::FromStr,
+    sync::Mutex,
+};
+
+use clap::Args;
+use host_sim::{
+    benchmark::{self, Bounds, Flown, PolicyStatistics, statistics},
+    policy::PolicyChoice,
+    scenario::Scenario,
+    vehicle::Profile,
+};
+use indicatif::{ProgressBar, ProgressStyle};
+use rayon::prelude::*;
+
+use super::{Failure, terminal};
+
+/// What to compare, and where.
+#[derive(Debug, Args)]
+pub(crate) struct BenchmarkArguments {
+    /// A policy to fly, as often as needed, as in host-sim run [default: plan and straight-line]
+    #[arg(long)]
+    policy: Vec<PolicyChoice>,
+    /// The directory with the scenarios and bounds.csv
+    #[arg(long, default_value = "benchmarks", value_name = "DIR")]
+    missions: PathBuf,
+    /// Which vehicle: ideal, multirotor, arducopter or px4
+    #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
+    profile: Profile,
+    /// Missions flown at once; times are comparable only with 1
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=256))]
+    jobs: u64,
+    /// Where every flight is written, a line each; flights that are there already are not repeated
+    #[arg(long, value_name = "F.csv")]
+    results: Option<PathBuf>,
+    /// Certify the bounds that bounds.csv does not have yet, and fly nothing
+    #[arg(long)]
+    certify: bool,
+    /// Print the statistics as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Flies and prints the table, or certifies bounds.
+pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
+    let scenarios = benchmark::missions(&arguments.missions).map_err(Failure::bad_input)?;
+    let bounds = Bounds::read(&arguments.missions).map_err(Failure::bad_input)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.jobs as usize)
+        .build()
+        .map_err(Failure::failed)?;
+    if arguments.certify {
+        return pool.install(|| certify(&arguments.missions, &scenarios, bounds));
+    }
+    let default = vec![PolicyChoice::Plan, PolicyChoice::StraightLine];
+    let policies = if arguments.policy.is_empty() {
+        &default
+    } else {
+        &arguments.policy
+    };
+    let known = match &arguments.results {
+        Some(path) => read_results(path)?,
+        None => Vec::new(),
+    };
+    let flights = pool.install(|| fly(arguments, policies, &scenarios, known))?;
+    let found: Vec<PolicyStatistics> = policies
+        .iter()
+        .map(|policy| statistics(&policy.to_string(), &flights, &bounds))
+        .collect();
+    let mut out = std::io::stdout().lock();
+    if arguments.json {
+        serde_json::to_writer_pretty(&mut out, &found).map_err(Failure::failed)?;
+        writeln!(out)?;
+        return Ok(());
+    }
+    write!(out, "{}", table(&found))?;
+    Ok(())
+}
+
+fn bar(length: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {elapsed}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::with_draw_target(Some(length as u64), terminal()).with_style(style)
+}
+
+/// Certifies what is missing; every bound is written as soon as it is known.
+fn certify(folder: &Path, scenarios: &[Scenario], bounds: Bounds) -> Result<(), Failure> {
+    let missing: Vec<&Scenario> = scenarios
+        .iter()
+        .filter(|scenario| bounds.of(&scenario.digest()).is_none())
+        .collect();
+    let bar = bar(missing.len());
+    let bounds = Mutex::new(bounds);
+    missing.par_iter().try_for_each(|scenario| {
+        match Bounds::certify(scenario) {
+            Ok(record) => {
+                let mut bounds = bounds.lock().map_err(Failure::failed)?;
+                bounds.insert(record);
+                bounds.write(folder).map_err(Failure::failed)?;
+            }
+            Err(problem) => bar.suspend(|| eprintln!("warning: {problem}")),
+        }
+        bar.inc(1);
+        Ok::<(), Failure>(())
+    })?;
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn read_results(path: &Path) -> Result<Vec<Flown>, Failure> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let named = |error: csv::Error| Failure::bad_input(format!("{}: {error}", path.display()));
+    let mut reader = csv::Reader::from_path(path).map_err(named)?;
+    let flights: Result<Vec<Flown>, _> = reader.deserialize().collect();
+    flights.map_err(named)
+}
+
+/// Flies what is not known yet and returns all flights of this vehicle.
+fn fly(
+    arguments: &BenchmarkArguments,
+    policies: &[PolicyChoice],
+    scenarios: &[Scenario],
+    known: Vec<Flown>,
+) -> Result<Vec<Flown>, Failure> {
+    let profile = arguments.profile.to_string();
+    let key = |flown: &Flown| {
+        (
+            flown.digest.clone(),
+            flown.policy.clone(),
+            flown.profile.clone(),
+        )
+    };
+    let done: BTreeSet<_> = known.iter().map(key).collect();
+    let jobs: Vec<(&Scenario, &PolicyChoice)> = scenarios
+        .iter()
+        .flat_map(|scenario| policies.iter().map(move |policy| (scenario, policy)))
+        .filter(|(scenario, policy)| {
+            !done.contains(&(scenario.digest(), policy.to_string(), profile.clone()))
+        })
+        .collect();
+    let writer = match &arguments.results {
+        Some(path) => {
+            let failed = |error| Failure::failed(format!("{}: {error}", path.display()));
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder).map_err(failed)?;
+            }
+            let file = File::options().create(true).append(true).open(path);
+            let file = file.map_err(failed)?;
+            let is_new = file.metadata().map_err(failed)?.len() == 0;
+            let builder = csv::WriterBuilder::new()
+                .has_headers(is_new)
+                .from_writer(file);
+            Some(Mutex::new(builder))
+        }
+        None => None,
+    };
+    let bar = bar(jobs.len());
+    let flown: Result<Vec<Flown>, Failure> = jobs
+        .par_iter()
+        .map(|(scenario, policy)| {
+            let flown = benchmark::fly(scenario, policy, arguments.profile);
+            if let Some(writer) = &writer {
+                let mut writer = writer.lock().map_err(Failure::failed)?;
+                writer.serialize(&flown).map_err(Failure::failed)?;
+                writer.flush()?;
+            }
+            bar.set_message(flown.mission.clone());
+            bar.inc(1);
+            Ok(flown)
+        })
+        .collect();
+    bar.finish_and_clear();
+    let digests: BTreeSet<String> = scenarios.iter().map(Scenario::digest).collect();
+    let own = |flown: &Flown| flown.profile == profile && digests.contains(&flown.digest);
+    Ok(known.into_iter().filter(own).chain(flown?).collect())
+}
+
+fn table(found: &[PolicyStatistics]) -> String {
+    let mut text = format!(
+        "share of the certified upper bound, over missions with a gap of at most {} %\n\
+         {:<14} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>10} {:>10} {:>9} {:>12}\n",
+        100.0 * benchmark::COUNTED_GAP,
+        "policy",
+        "flown",
+        "counted",
+        "mean",
+        "5 %",
+        "worst",
+        "broken",
+        "inaccurate",
+        "prepare s",
+        "at most",
+        "decide us"
+    );
+    for row in found {
+        text += &format!(
+            "{:<14} {:>6} {:>7} {:>7.4} {:>7.4} {:>7.4} {:>7} {:>10} {:>10.3} {:>9.3} {:>12.1}\n",
+            row.policy,
+            row.flown,
+            row.counted,
+            row.mean,
+            row.quantile_5,
+            row.worst,
+            row.violations,
+            row.inaccurate_slots,
+            row.preparation_median_s,
+            row.preparation_max_s,
+            row.decision_median_us
+        );
+    }
+    for row in found.iter().filter(|row| row.refused > 0) {
+        text += &format!("{} does not fit {} missions\n", row.policy, row.refused);
+    }
+    text
+}

@@ -1,0 +1,95 @@
+//! `host-sim plan`: plans a mission once with the onboard planner.
+
+use std::{fs, io::Write, path::PathBuf};
+
+use clap::Args;
+use host_sim::{
+    planner::{PlannedMission, ground_control, plan},
+    scenario::ScenarioChoice,
+};
+use indicatif::ProgressBar;
+use serde::Serialize;
+
+use super::{Failure, bound::style, terminal};
+
+/// Which mission to plan, and what to write.
+#[derive(Debug, Args)]
+pub(crate) struct PlanArguments {
+    #[command(flatten)]
+    mission: ScenarioChoice,
+    /// Write the waypoints as a mission of QGroundControl; the name ends in .plan
+    #[arg(long, value_name = "F.plan")]
+    out: Option<PathBuf>,
+    /// Print the plan with its waypoints and users as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    scenario: &'a str,
+    #[serde(flatten)]
+    plan: &'a PlannedMission,
+}
+
+/// Plans and prints.
+pub(crate) fn execute(arguments: &PlanArguments) -> Result<(), Failure> {
+    if let Some(path) = &arguments.out
+        && path.extension().is_none_or(|extension| extension != "plan")
+    {
+        return Err(Failure::bad_input(format!(
+            "--out {}: the name of the file must end in .plan",
+            path.display()
+        )));
+    }
+    let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
+    let spinner = ProgressBar::with_draw_target(None, terminal()).with_style(style());
+    let planned = plan(&scenario.mission, |progress| {
+        spinner.set_message(format!("planning: {:.3} bit/s/Hz", progress.value));
+        spinner.tick();
+    })
+    .map_err(Failure::bad_input)?;
+    spinner.finish_and_clear();
+    if let Some(path) = &arguments.out {
+        let text = ground_control::plan_file(&scenario, &planned.waypoints)
+            .ok_or_else(|| Failure::bad_input("--out: a mission has at most 65000 waypoints"))?;
+        fs::write(path, text)
+            .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+    }
+    let mut out = std::io::stdout().lock();
+    if arguments.json {
+        let report = Report {
+            scenario: &scenario.name,
+            plan: &planned,
+        };
+        serde_json::to_writer(&mut out, &report).map_err(Failure::failed)?;
+        writeln!(out)?;
+        return Ok(());
+    }
+    writeln!(out, "scenario  {}", scenario.name)?;
+    writeln!(
+        out,
+        "total     {:.4} bit/s/Hz: host-sim run --policy plan flies it",
+        planned.sum_rate
+    )?;
+    match planned.upper_estimate.zip(planned.gap_estimate) {
+        Some((upper, gap)) => writeln!(
+            out,
+            "gap       {:.2} % (an estimate: at most about {upper:.4}; host-sim bound certifies)",
+            100.0 * gap
+        )?,
+        None => writeln!(out, "gap       unknown: there is one way to fly")?,
+    }
+    writeln!(
+        out,
+        "time      {:.3} s, {:.0} million operations, {:.0} kB",
+        planned.seconds,
+        planned.operations as f64 / 1e6,
+        planned.memory_bytes as f64 / 1e3
+    )?;
+    if let Some(path) = &arguments.out {
+        writeln!(out, "mission   {}", path.display())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,198 @@
+//! `host-sim plan`, `run --policy plan`, `scenario random` and `benchmark`, as a person would start
+//! them.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+use serde_json::Value;
+use tempfile::tempdir;
+
+fn host_sim(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_host-sim"))
+        .args(arguments)
+        .output()
+        .expect("it starts")
+}
+
+fn succeeds(arguments: &[&str]) -> String {
+    let output = host_sim(arguments);
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    String::from_utf8(output.stdout).expect("text")
+}
+
+fn json(arguments: &[&str]) -> Value {
+    serde_json::from_str(&succeeds(arguments)).expect("JSON")
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("a printable path")
+}
+
+/// A small random mission as a file.
+fn random_mission(folder: &Path, seed: u64) -> String {
+    let seed = seed.to_string();
+    succeeds(&["scenario", "random", "--seed", &seed, "--out", text(folder)]);
+    let file = folder.join(format!(
+        "random-{:04}.toml",
+        seed.parse::<u64>().expect("a seed")
+    ));
+    text(&file).to_owned()
+}
+
+#[test]
+fn the_plan_is_flown_as_promised_and_close_to_the_search() {
+    let folder = tempdir().expect("a folder");
+    let out = text(folder.path());
+    let separated = ["--scenario", "separated", "--json"];
+    let planned = json(&[&["plan"][..], &separated].concat());
+    let number = |value: &Value, key: &str| value[key].as_f64().expect("a number");
+    assert!(number(&planned, "gap_estimate") < 0.02);
+    assert_eq!(planned["waypoints"].as_array().map(Vec::len), Some(60));
+    let run = |policy: &str| {
+        let summary = json(&[&["run", "--policy", policy, "--out", out][..], &separated].concat());
+        for promise in ["arrived", "fair"] {
+            assert_eq!(summary[promise], true, "{promise}: {summary}");
+        }
+        for fault in [
+            "mse_violations",
+            "constraint_violations",
+            "shield_interventions",
+        ] {
+            assert_eq!(summary[fault], 0, "{fault}: {summary}");
+        }
+        number(&summary, "sum_rate")
+    };
+    // In flight the plan may still be improved, never spoilt.
+    let flown = run("plan");
+    assert!(
+        flown >= number(&planned, "sum_rate") * (1.0 - 1e-6),
+        "{flown}"
+    );
+    assert!(flown >= run("search") * 0.995, "{flown}");
+}
+
+/// Without a trained policy the planner flies, and better than the straight line.
+#[test]
+fn the_planner_is_the_default_of_a_map_of_ones_own() {
+    let folder = tempdir().expect("a folder");
+    let mission = random_mission(folder.path(), 8);
+    let out = text(folder.path());
+    let run = |arguments: &[&str]| {
+        let fixed = ["run", "--scenario", &mission, "--out", out, "--json"];
+        json(&[&fixed[..], arguments].concat())
+    };
+    let (default, straight) = (run(&[]), run(&["--policy", "straight-line"]));
+    assert_eq!(default["policy"], "plan");
+    assert_eq!(default["constraint_violations"], 0);
+    let rate = |summary: &Value| summary["sum_rate"].as_f64().expect("a number");
+    assert!(rate(&default) > 1.05 * rate(&straight), "{default}");
+    let multirotor = run(&["--profile", "multirotor"]);
+    assert_eq!(multirotor["constraint_violations"], 0, "{multirotor}");
+    assert!(rate(&multirotor) > 0.95 * rate(&default), "{multirotor}");
+}
+
+#[test]
+fn the_same_mission_gives_the_same_plan() {
+    let folder = tempdir().expect("a folder");
+    let mission = random_mission(folder.path(), 21);
+    let plan = || {
+        let mut plan = json(&["plan", "--scenario", &mission, "--json"]);
+        plan["seconds"] = Value::Null;
+        plan
+    };
+    assert_eq!(plan(), plan());
+}
+
+/// Take-off, speed, the waypoints where the mission has them, landing.
+#[test]
+fn the_plan_file_is_what_qgroundcontrol_reads() {
+    let folder = tempdir().expect("a folder");
+    let file = folder.path().join("separated.plan");
+    succeeds(&["plan", "--out", text(&file)]);
+    let plan: Value =
+        serde_json::from_str(&fs::read_to_string(&file).expect("written")).expect("JSON");
+    assert_eq!(plan["fileType"], "Plan");
+    assert_eq!(plan["version"], 1);
+    let mission = &plan["mission"];
+    assert_eq!(mission["version"], 2);
+    let items = mission["items"].as_array().expect("items");
+    assert_eq!(items.len(), 63);
+    let command = |index: usize| items[index]["command"].as_u64().expect("a number");
+    assert_eq!(
+        [command(0), command(1), command(2), command(62)],
+        [22, 178, 16, 21]
+    );
+    for (index, item) in items.iter().enumerate() {
+        assert_eq!(item["doJumpId"], index as u64 + 1);
+        assert_eq!(item["params"].as_array().map(Vec::len), Some(7));
+        let frame = if index == 1 { 2 } else { 3 };
+        assert_eq!(item["frame"], frame);
+        if index != 1 {
+            let degrees = |place: usize| item["params"][place].as_f64().expect("a number");
+            assert!((degrees(4) + 35.36).abs() < 0.01 && (degrees(5) - 149.17).abs() < 0.01);
+        }
+    }
+    assert_eq!(items[30]["Altitude"], 100.0);
+}
+
+#[test]
+fn nonsense_is_refused_in_one_line() {
+    let folder = tempdir().expect("a folder");
+    let cases: [(&[&str], &str); 4] = [
+        (&["plan", "--out", "x.txt"], "must end in .plan"),
+        (&["plan", "--scenario", "nowhere.toml"], "nowhere.toml"),
+        (&["scenario", "random", "--count", "2"], "needs --out DIR"),
+        (
+            &["benchmark", "--missions", text(folder.path())],
+            "no scenario here",
+        ),
+    ];
+    for (arguments, expected) in cases {
+        let output = host_sim(arguments);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
+        assert!(errors.contains(expected), "{errors}");
+        assert_eq!(errors.lines().count(), 1, "{errors}");
+    }
+}
+
+/// Two missions, certified and flown; a second call repeats no flight.
+#[test]
+fn the_benchmark_compares_policies_with_bounds_and_resumes() {
+    let folder = tempdir().expect("a folder");
+    for seed in [21, 30] {
+        random_mission(folder.path(), seed);
+    }
+    let missions = text(folder.path());
+    succeeds(&["benchmark", "--missions", missions, "--certify"]);
+    let bounds = fs::read_to_string(folder.path().join("bounds.csv")).expect("written");
+    assert_eq!(bounds.lines().count(), 3, "{bounds}");
+    let results = folder.path().join("results.csv");
+    let arguments = [
+        "benchmark",
+        "--missions",
+        missions,
+        "--results",
+        text(&results),
+        "--json",
+    ];
+    let found = json(&arguments);
+    let number = |row: usize, key: &str| found[row][key].as_f64().expect("a number");
+    assert_eq!(found[0]["policy"], "plan");
+    assert_eq!(found[0]["counted"], 2);
+    assert_eq!(found[0]["violations"], 0);
+    assert!(
+        number(0, "worst") > 0.98 && number(0, "mean") <= 1.0,
+        "{found}"
+    );
+    assert!(number(1, "mean") < number(0, "mean"), "{found}");
+    let flights = || fs::read_to_string(&results).expect("written");
+    let before = flights();
+    assert_eq!(before.lines().count(), 5);
+    assert_eq!(json(&arguments), found);
+    assert_eq!(flights(), before);
+}
