@@ -3,9 +3,10 @@
 //!
 //! A flight is a folder under `docs/flights` with the `summary.json` of the run, as it was written,
 //! and a `flight.json` that says what no summary knows: the autopilot and its version, the airframe,
-//! the wind, the date, the exit code, and the total of the ideal flight.
+//! the wind, the commit of the product, the date, the exit code, and the total of the ideal flight.
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -53,7 +54,21 @@ fn replaced(page: &str, table: &str) -> Result<String> {
     Ok(format!("{}{table}{}", &page[..from], &page[to..]))
 }
 
-/// The flights in the order of their folders' names.
+/// What flights that are told in one row have in common, in the order of the columns.
+type Kind = [String; 7];
+
+/// One flight, as far as the table tells it.
+struct Flight {
+    /// Of the ideal flight's total.
+    share: f64,
+    total: f64,
+    arrived: bool,
+    away_m: f64,
+    constraints_broken: f64,
+    exit_code: f64,
+}
+
+/// One row for all flights of a kind.
 fn table(folder: &Path) -> Result<String> {
     let entries = fs::read_dir(folder).with_context(|| folder.display().to_string())?;
     let mut folders: Vec<PathBuf> = entries
@@ -61,50 +76,88 @@ fn table(folder: &Path) -> Result<String> {
         .collect::<std::io::Result<_>>()?;
     folders.retain(|path| path.is_dir());
     folders.sort();
-    let mut table = String::from(
-        "| autopilot | airframe | wind | mission | policy | total (ideal) | arrived | constraints \
-         broken | exit | product | date |\n|---|---|---|---|---|---|---|---|---|---|---|\n",
-    );
+    let mut kinds: BTreeMap<Kind, Vec<Flight>> = BTreeMap::new();
     for folder in folders {
-        table += &row(&folder).with_context(|| folder.display().to_string())?;
+        let (kind, flight) = read(&folder).with_context(|| folder.display().to_string())?;
+        kinds.entry(kind).or_default().push(flight);
+    }
+    let mut table = String::from(
+        "| autopilot | mission | policy | wind | airframe | product | date | flights | total | of \
+         the ideal flight's | arrived, at most | constraints broken | exit code 0 |\n\
+         |---|---|---|---|---|---|---|--:|--:|--:|--:|--:|--:|\n",
+    );
+    for (kind, flights) in kinds {
+        table += &row(&kind, &flights);
     }
     Ok(table)
 }
 
-fn row(folder: &Path) -> Result<String> {
+fn row(kind: &Kind, flights: &[Flight]) -> String {
+    let count = |what: fn(&Flight) -> bool| flights.iter().filter(|&flight| what(flight)).count();
+    let range = |what: fn(&Flight) -> f64, digits: usize| {
+        let values = || flights.iter().map(what);
+        let (least, most) = (
+            values().fold(f64::MAX, f64::min),
+            values().fold(f64::MIN, f64::max),
+        );
+        if flights.len() == 1 {
+            format!("{least:.digits$}")
+        } else {
+            format!("{least:.digits$} to {most:.digits$}")
+        }
+    };
+    let all = flights.len();
+    let away_m = flights.iter().map(|flight| flight.away_m);
+    let broken: f64 = flights.iter().map(|flight| flight.constraints_broken).sum();
+    format!(
+        "| {} | {all} | {} | {} | {} of {all}, {:.0} m | {broken} | {} of {all} |\n",
+        kind.join(" | "),
+        range(|flight| flight.total, 2),
+        range(|flight| flight.share, 3),
+        count(|flight| flight.arrived),
+        away_m.fold(0.0, f64::max),
+        count(|flight| flight.exit_code == 0.0),
+    )
+}
+
+fn read(folder: &Path) -> Result<(Kind, Flight)> {
     let read = |name: &str| -> Result<Value> {
         let text = fs::read_to_string(folder.join(name)).with_context(|| name.to_owned())?;
         serde_json::from_str(&text).with_context(|| name.to_owned())
     };
     let (flight, summary) = (read("flight.json")?, read("summary.json")?);
     let text = |of: &Value, name: &str| -> Result<String> {
-        let value = &of[name];
-        let known = value.as_str().map(str::to_owned);
-        known
-            .or_else(|| value.as_f64().map(|number| number.to_string()))
-            .with_context(|| format!("{name} is missing"))
+        let value = of[name].as_str().map(str::to_owned);
+        value.with_context(|| format!("{name} is missing"))
     };
     let number = |of: &Value, name: &str| -> Result<f64> {
-        of[name]
-            .as_f64()
-            .with_context(|| format!("{name} is missing"))
+        let value = of[name].as_f64();
+        value.with_context(|| format!("{name} is missing"))
     };
-    let (total, ideal) = (number(&summary, "sum_rate")?, number(&flight, "ideal")?);
-    let arrived = summary["arrived"].as_bool().context("arrived is missing")?;
-    let away_m = number(&summary, "arrival_distance_m")?;
-    Ok(format!(
-        "| {} | {} | {} m/s | {} | {} | {total:.2} ({:.3} of {ideal:.2}) | {}{away_m:.0} m | {} | {} | {} | {} |\n",
+    let total = number(&summary, "sum_rate")?;
+    let kind = [
         text(&flight, "autopilot")?,
-        text(&flight, "airframe")?,
-        number(&flight, "wind_mps")?,
         text(&summary, "scenario")?,
         text(&summary, "policy")?,
-        total / ideal,
-        if arrived { "" } else { "no: " },
-        number(&summary, "constraint_violations")?,
-        number(&flight, "exit_code")?,
-        text(&summary, "version")?,
+        format!("{} m/s", number(&flight, "wind_mps")?),
+        text(&flight, "airframe")?,
+        format!(
+            "{} ({})",
+            text(&summary, "version")?,
+            text(&flight, "commit")?
+        ),
         text(&flight, "date")?,
+    ];
+    Ok((
+        kind,
+        Flight {
+            share: total / number(&flight, "ideal")?,
+            total,
+            arrived: summary["arrived"].as_bool().context("arrived is missing")?,
+            away_m: number(&summary, "arrival_distance_m")?,
+            constraints_broken: number(&summary, "constraint_violations")?,
+            exit_code: number(&flight, "exit_code")?,
+        },
     ))
 }
 
