@@ -20,6 +20,7 @@ use thiserror::Error;
 
 use crate::{
     flight::CONNECT_PATIENCE,
+    input,
     link::{Session, Silence},
 };
 
@@ -71,7 +72,7 @@ impl ParameterJournal {
     pub fn open(path: &Path, link: &str) -> io::Result<Self> {
         let named =
             |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-        let contents = match fs::read(path) {
+        let contents = match input::read(path) {
             Ok(bytes) => serde_json::from_slice(&bytes)
                 .map_err(|error| named(io::Error::new(io::ErrorKind::InvalidData, error)))?,
             Err(error) if error.kind() == io::ErrorKind::NotFound => Contents::default(),

@@ -24,6 +24,7 @@ pub mod doctor;
 pub mod document;
 pub mod experiment;
 pub mod flight;
+pub mod input;
 pub mod interrupt;
 pub mod journal;
 pub mod link;

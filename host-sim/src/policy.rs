@@ -1,7 +1,7 @@
 //! The policies that a person can name on a command line.
 
 use std::{
-    fmt, fs,
+    fmt,
     path::{Path, PathBuf},
     str::FromStr,
 };
@@ -14,7 +14,7 @@ use firmware_core::{
 };
 
 use crate::{
-    bound,
+    bound, input,
     planner::{self, HostPlanner, PlanProgress},
     scenario::Scenario,
     search::SearchPolicy,
@@ -105,6 +105,19 @@ fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
     cfg!(feature = "onnx").then_some((name, file))
 }
 
+/// What to say of a policy that was trained for another mission than this one.
+pub fn foreign_mission(provenance: &Provenance, scenario: &Scenario) -> Option<String> {
+    let trained_for = provenance.scenario_digest.as_str();
+    (trained_for != scenario.digest()).then(|| {
+        format!(
+            "trained for another mission (digest {:.12}, this one has {:.12}): --policy plan may do \
+             better",
+            trained_for,
+            scenario.digest()
+        )
+    })
+}
+
 /// A policy of any kind, ready to decide.
 #[derive(Debug)]
 pub enum HostPolicy {
@@ -176,11 +189,17 @@ impl HostPolicy {
                 Self::Plan(Box::new(planner))
             }
             PolicyChoice::File(path) => {
-                let file = fs::read(path).map_err(|error| named(path, error))?;
+                let file = input::read(path).map_err(|error| named(path, error))?;
                 Self::from_file(path, file, scenario)?
             }
         };
         Ok((policy, choice.to_string()))
+    }
+
+    /// What to say of a policy that was trained for another mission; `None` where it was trained for
+    /// this one, or not trained at all.
+    pub fn foreign_mission(&self, scenario: &Scenario) -> Option<String> {
+        foreign_mission(self.provenance()?, scenario)
     }
 
     fn from_file(path: &Path, file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {

@@ -8,7 +8,7 @@
 
 use std::{
     fmt,
-    io::{self, BufRead, Write},
+    io::{self, BufRead, Read, Write},
 };
 
 use clap::ValueEnum;
@@ -19,7 +19,7 @@ use firmware_core::{
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::conic;
+use crate::{conic, input::LONGEST_BYTES};
 
 /// Which solver answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -137,9 +137,21 @@ pub fn run(
     );
     let mut tally = Tally::default();
     let mut line = Vec::new();
-    while input.read_until(b'\n', &mut line)? > 0 {
+    while (&mut input)
+        .take(LONGEST_BYTES)
+        .read_until(b'\n', &mut line)?
+        > 0
+    {
         tally.lines += 1;
-        let answered = Problem::parse(&line).and_then(|problem| match precision {
+        // What goes on for ever is not read to its end: it is the last line.
+        let endless = line.len() as u64 >= LONGEST_BYTES && !line.ends_with(b"\n");
+        let problem = if endless {
+            let problem = format!("the line is longer than {} MiB", LONGEST_BYTES >> 20);
+            Err(LineError::Input(problem))
+        } else {
+            Problem::parse(&line)
+        };
+        let answered = problem.and_then(|problem| match precision {
             Precision::F64 => problem.answer::<f64>(method)?.write(&mut output),
             Precision::F32 => problem.answer::<f32>(method)?.write(&mut output),
         });
@@ -153,6 +165,9 @@ pub fn run(
             }
         }
         output.write_all(b"\n")?;
+        if endless {
+            break;
+        }
         line.clear();
     }
     output.flush()?;

@@ -114,6 +114,25 @@ fn more_sensors_than_the_controller_holds_are_refused() {
     );
 }
 
+/// What the mission's radios cannot send is not flown as if they could.
+#[test]
+fn a_fixed_power_above_its_limit_is_refused() {
+    refused(
+        &["run", "--inner", "fixed-user-power:5"],
+        &["--inner fixed-user-power:5", "users.power_max_w = 0.2 W"],
+    );
+}
+
+/// A device that never ends is no input file.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_file_without_an_end_is_refused() {
+    refused(
+        &["run", "--scenario", "/dev/zero"],
+        &["/dev/zero", "longer than 64 MiB"],
+    );
+}
+
 #[test]
 fn a_policy_file_that_is_none_is_refused() {
     let folder = tempdir().unwrap();

@@ -9,8 +9,13 @@ fn solve(arguments: &[&str], input: &str) -> (Vec<Value>, String) {
         .arg("solve")
         .args(arguments)
         .write_stdin(input)
-        .assert()
-        .success();
+        .assert();
+    let bad = run
+        .get_output()
+        .stdout
+        .windows(8)
+        .any(|w| w == b"\"error\":");
+    let run = run.code(if bad { 2 } else { 0 });
     let output = String::from_utf8(run.get_output().stdout.clone()).unwrap();
     let lines = output
         .lines()
@@ -92,4 +97,20 @@ fn a_missing_file_is_bad_input() {
         .code(2);
     let complaint = String::from_utf8(run.get_output().stderr.clone()).unwrap();
     assert!(complaint.contains("nowhere.jsonl"), "{complaint}");
+}
+
+/// A line that never ends does not take all memory.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_line_without_an_end_is_the_last_one() {
+    let run = program("host-sim")
+        .args(["solve", "/dev/zero"])
+        .assert()
+        .code(2);
+    let output = String::from_utf8(run.get_output().stdout.clone()).unwrap();
+    assert!(
+        output.contains("line 1: the line is longer than 64 MiB"),
+        "{output}"
+    );
+    assert_eq!(output.lines().count(), 1);
 }

@@ -1,11 +1,12 @@
 //! Which controller flies: ours, a board's, or a board's twin in this process.
 
-use std::{fs, path::Path, str::FromStr, sync::Arc};
+use std::{path::Path, str::FromStr, sync::Arc};
 
 use clap::{Args, ValueEnum};
 use firmware_core::console::{Decider, Footprint};
 use host_sim::{
     flight::board::{Image, Twin, order},
+    input,
     link::HostPort,
     policy::PolicyChoice,
     scenario::Scenario,
@@ -99,7 +100,7 @@ impl BoardChoice {
                 let named = |error| Failure::bad_input(format!("{}: {error}", path.display()));
                 twin(
                     &ordered(Decider::Trained),
-                    Some(fs::read(path).map_err(named)?.into()),
+                    Some(input::read(path).map_err(named)?.into()),
                 )
             }
             (ControllerChoice::InProcess, other) => Err(Failure::bad_input(format!(

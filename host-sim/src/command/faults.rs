@@ -1,7 +1,7 @@
 //! `host-sim faults`: a mission with a board whose ground link is damaged by seeded schedules,
 //! beside its twin in this process; `cargo xtask firmware faults` strings many of them together.
 
-use std::{fs, path::PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use firmware_core::console::Decider;
@@ -11,6 +11,7 @@ use host_sim::{
         self, FlightSettings, Pace, Peer,
         board::{Campaign, Image, SLOTS_EACH, Twin, fly, order},
     },
+    input,
     link::HostPort,
     scenario::ScenarioChoice,
     vehicle::{Profile, Vehicle},
@@ -48,7 +49,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
         )));
     }
     let named = |error| Failure::bad_input(format!("{}: {error}", arguments.policy.display()));
-    let policy = fs::read(&arguments.policy).map_err(named)?;
+    let policy = input::read(&arguments.policy).map_err(named)?;
     let settings = FlightSettings {
         policy: "in flash".into(),
         inner: Allocation::Exact,

@@ -114,6 +114,9 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
         eprintln!("no trained policy is shipped for this scenario: {policy_name} flies");
     }
+    if let Some(warning) = policy.foreign_mission(&scenario) {
+        eprintln!("warning: {policy_name}: {warning}");
+    }
     let (settings, peer, mut show) = prepare(arguments, &scenario, policy_name)?;
     let flown = flight::fly(&scenario, policy, &settings, peer, &mut show);
     show.bar.finish_and_clear();
@@ -220,6 +223,7 @@ fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> R
         }
     }
     Err(match failed.error {
+        error @ FlightError::Allocation(_) => Failure::bad_input(error),
         error @ FlightError::Ended { .. } => Failure::Interrupted(error.to_string()),
         error => Failure::failed(error),
     })

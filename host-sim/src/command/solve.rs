@@ -21,7 +21,8 @@ pub(crate) struct SolveArguments {
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
     /// Slot problems, a JSON object a line; standard input without. A line that is none is
-    /// answered with {"error": ..}, and the exit code stays 0
+    /// answered with {"error": ..}, and the exit code is 2 at the end. Fields: sensor_gain (array),
+    /// user_gain, sensor_power_max, user_power_max, noise_power (W), mse_threshold
     file: Option<PathBuf>,
 }
 
@@ -52,13 +53,10 @@ pub(crate) fn execute(arguments: &SolveArguments) -> Result<(), Failure> {
     let solved = solve::run(arguments.method, arguments.precision, input, &mut output)
         .and_then(|tally| Ok(output.flush().map(|()| tally)?));
     match solved {
-        Ok(tally) if tally.errors > 0 => {
-            eprintln!(
-                "{} of {} lines were no slot problem",
-                tally.errors, tally.lines
-            );
-            Ok(())
-        }
+        Ok(tally) if tally.errors > 0 => Err(Failure::bad_input(format!(
+            "{} of {} lines were no slot problem",
+            tally.errors, tally.lines
+        ))),
         Ok(_) => Ok(()),
         // Whoever read our output has had enough.
         Err(error) if is_broken_pipe(&error) => Ok(()),

@@ -134,6 +134,9 @@ impl Observer for () {}
 /// Why a mission was not flown to its end.
 #[derive(Debug, Error)]
 pub enum FlightError {
+    /// A fixed power is above the mission's limit.
+    #[error("{0}")]
+    Allocation(String),
     /// The client's settings do not fit the mission.
     #[error("the mission cannot be flown: {0}")]
     Settings(#[from] SettingsError),
@@ -228,6 +231,12 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
     mut peer: Peer,
     observer: &mut impl Observer,
 ) -> Result<FlightRecord, FailedFlight> {
+    if let Err(problem) = settings.inner.check(&scenario.mission) {
+        return Err(FailedFlight {
+            error: FlightError::Allocation(problem),
+            record: None,
+        });
+    }
     let mut flight =
         Flight::new(scenario, policy, settings, &mut peer).map_err(|error| FailedFlight {
             error,

@@ -10,7 +10,7 @@ mod sensing;
 mod topology;
 
 use std::{
-    fmt, fs,
+    fmt,
     path::{Path, PathBuf},
 };
 
@@ -20,6 +20,8 @@ use firmware_core::{
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+
+use crate::input;
 
 pub use choice::{Changes, ScenarioChoice};
 pub use random::{Layout, random};
@@ -149,7 +151,7 @@ impl Scenario {
             path: path.to_owned(),
             problem,
         };
-        let text = fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
+        let text = input::read_text(path).map_err(|error| fail(error.to_string()))?;
         let name = path.file_stem().map_or_else(
             || "scenario".into(),
             |stem| stem.to_string_lossy().into_owned(),

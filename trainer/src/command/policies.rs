@@ -1,7 +1,6 @@
 //! `trainer export|convert|evaluate|probe`: one policy at a time.
 
 use std::{
-    fs,
     io::{BufWriter, Write, stdout},
     path::{Path, PathBuf},
 };
@@ -17,6 +16,8 @@ use firmware_core::{
 };
 use host_sim::{
     allocation::Allocation,
+    input,
+    policy::foreign_mission,
     scenario::{Scenario, ScenarioChoice},
 };
 use rand::SeedableRng;
@@ -101,12 +102,15 @@ impl Evaluate {
         let file = if self.policy.extension().is_some_and(|e| e == "onnx") {
             onnx::read::read(&self.policy)?.to_policy_file()?
         } else {
-            fs::read(&self.policy).with_context(|| self.policy.display().to_string())?
+            input::read(&self.policy).with_context(|| self.policy.display().to_string())?
         };
         let policy: Mlp<Vec<u8>> = Mlp::load(file)
             .map_err(|error: mlp::LoadError| anyhow!("{}: {error}", self.policy.display()))?;
         let fits = policy.provenance().check(&scenario.mission);
         fits.with_context(|| self.policy.display().to_string())?;
+        if let Some(warning) = foreign_mission(policy.provenance(), &scenario) {
+            eprintln!("warning: {}: {warning}", self.policy.display());
+        }
         Ok((scenario, Box::new(policy)))
     }
 

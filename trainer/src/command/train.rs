@@ -10,6 +10,7 @@ use anyhow::{Context, Error, anyhow, ensure};
 use clap::Args;
 use host_sim::{
     allocation::Allocation,
+    input,
     scenario::{Scenario, ScenarioChoice},
 };
 use trainer::{
@@ -152,7 +153,7 @@ impl Train {
     fn collect_settings(&self) -> anyhow::Result<Settings> {
         let file = match &self.settings {
             Some(path) => {
-                let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+                let text = input::read_text(path).with_context(|| path.display().to_string())?;
                 let table = text.parse::<toml::Table>();
                 Some((path, table.with_context(|| path.display().to_string())?))
             }

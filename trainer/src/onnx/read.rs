@@ -4,13 +4,14 @@
 //! `Add`, `Mul`, `Div` by constants, `MatMul`, `Gemm`, `Relu`, `Tanh`, `Slice` of columns,
 //! `Identity`, `Constant`. Anything else is an error that names the node.
 
-use std::{collections::HashMap, fs, path::Path};
+use std::{collections::HashMap, path::Path};
 
 use anyhow::{Context, anyhow, bail, ensure};
 use firmware_core::{
     USERS_MAX,
     policy::{Provenance, mlp::SELF_TEST_TOLERANCE},
 };
+use host_sim::input;
 use prost::Message;
 
 use super::{
@@ -27,7 +28,7 @@ use crate::{
 /// # Errors
 /// What is wrong, with the file's name.
 pub fn read(path: &Path) -> anyhow::Result<Actor> {
-    let bytes = fs::read(path).with_context(|| path.display().to_string())?;
+    let bytes = input::read(path).with_context(|| path.display().to_string())?;
     parse(&bytes).with_context(|| path.display().to_string())
 }
 
