@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// The share of the reference's largest speed below which the airframe is what limits it.
-const REACHED: f64 = 0.9;
+const REACHED: f64 = 0.8;
 /// The share of the speed it reached that is planned with, so that it can catch up.
 const MARGIN: f64 = 0.95;
 
