@@ -153,7 +153,8 @@ pub fn without_us(
             vec![
                 format!(
                     "if this process dies: the vehicle flies on with its last velocity for \
-                     {timeout_s} s (GUID_TIMEOUT), then stops and hovers in GUIDED"
+                     {timeout_s} s (GUID_TIMEOUT), then brakes, comes back some way and hovers \
+                     in GUIDED (docs/failsafes.md has the distances)"
                 ),
                 arducopter_ground_failsafe(own_system, parameter),
             ]
@@ -161,7 +162,9 @@ pub fn without_us(
         Firmware::Px4 => {
             let loss_s = parameter("COM_OF_LOSS_T").unwrap_or(1.0);
             let action = match parameter("COM_OBL_RC_ACT").map(|value| value as i32) {
-                Some(0) => "0, the position mode, in which it sinks slowly without a pilot",
+                Some(0) => {
+                    "0, the position mode, in which nothing brakes it without a pilot and it sinks"
+                }
                 Some(1) => "1, the altitude mode",
                 Some(2) => "2, flight by hand",
                 Some(3) => "3, it returns",
@@ -182,8 +185,8 @@ pub fn without_us(
             };
             vec![
                 format!(
-                    "if this process dies: the vehicle stops at the last setpoint after {loss_s} \
-                     s (COM_OF_LOSS_T); some 5 s later comes COM_OBL_RC_ACT: {action}"
+                    "if this process dies: {loss_s} s later (COM_OF_LOSS_T) comes \
+                     COM_OBL_RC_ACT: {action} (docs/failsafes.md has the distances)"
                 ),
                 ground,
             ]

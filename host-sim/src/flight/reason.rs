@@ -17,6 +17,8 @@ pub(super) const AFTER: Duration = Duration::from_secs(1);
 const BOTH: Duration = Duration::from_secs(10);
 /// MAV_SEVERITY_WARNING: this and all below are worth a person's attention.
 const WARNING: u8 = 4;
+/// MAV_SEVERITY_NOTICE: ArduCopter says with it why it left our mode (`Circle fence breached`).
+const NOTICE: u8 = 5;
 
 /// Whether a person wants to see the event when it happens.
 pub(super) fn is_notable(event: &Event) -> bool {
@@ -44,6 +46,8 @@ pub(super) struct Reasons {
     mode: Option<String>,
     /// The last text of the autopilot of severity warning or worse.
     warning: Option<(Instant, String)>,
+    /// The last text of severity notice or worse.
+    notice: Option<(Instant, String)>,
     /// The last command that was refused or not answered.
     refusal: Option<(Instant, String)>,
     /// What the checks waited for last.
@@ -60,8 +64,11 @@ impl Reasons {
     /// Takes note of an event.
     pub(super) fn note(&mut self, now: Instant, event: &Event) {
         match event {
-            Event::Text { severity, text } if *severity <= WARNING => {
-                self.warning = Some((now, text.to_string()));
+            Event::Text { severity, text } if *severity <= NOTICE => {
+                self.notice = Some((now, text.to_string()));
+                if *severity <= WARNING {
+                    self.warning = self.notice.clone();
+                }
                 let taken = |(since, cause): &(Instant, Cause)| {
                     matches!(cause, Cause::ControlTaken(_) | Cause::Disarmed)
                         && now.since(*since) <= AFTER
@@ -82,6 +89,9 @@ impl Reasons {
                     _ => BEFORE,
                 };
                 self.said = lately(&self.warning, now, window);
+                if matches!(cause, Cause::ControlTaken(_)) {
+                    self.said = self.said.take().or(lately(&self.notice, now, window));
+                }
                 self.taken = self.mode.clone();
             }
             Event::Failsafe {
@@ -177,6 +187,11 @@ mod tests {
         reasons.note(at(9), &text(6, "EKF3 IMU0 is using GPS"));
         reasons.note(at(10), &text(4, "GCS Failsafe"));
         taken(&mut reasons, at(12));
+        let mut fence = Reasons::default();
+        fence.note(at(10), &text(5, "Circle fence breached"));
+        taken(&mut fence, at(10));
+        let words = "control taken by the autopilot: RTL (Circle fence breached)";
+        assert_eq!(fence.words().as_deref(), Some(words));
         let words = "control taken by the autopilot: RTL (GCS Failsafe)";
         assert_eq!(reasons.words().unwrap(), words);
         // What follows from it does not replace it.

@@ -1,7 +1,6 @@
 //! `trainer train`.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     time::Instant,
 };
