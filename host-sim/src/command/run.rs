@@ -107,6 +107,8 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
 /// Flies, writes, prints.
 pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
+    let allowed = arguments.inner.check(&scenario.mission);
+    allowed.map_err(Failure::bad_input)?;
     if arguments.board.is_asked_for() {
         return fly_board(arguments, &scenario);
     }
