@@ -6,7 +6,7 @@
 /// use firmware_core::planner::Capacity;
 ///
 /// // The default mission in single precision.
-/// assert_eq!(Capacity::new(60, 15).memory_bytes::<f32>(), 113_424);
+/// assert_eq!(Capacity::new(60, 15).memory_bytes::<f32>(), 110_460);
 /// // Even 33 x 33 nodes with a stage for every two slots need less than 256 KiB.
 /// let fine = Capacity { slots: 60, users: 16, nodes: 33 * 33, stages: 30 };
 /// assert!(fine.memory_bytes::<f32>() < 256 * 1024);
