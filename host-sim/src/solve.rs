@@ -143,7 +143,7 @@ pub fn run(
         > 0
     {
         tally.lines += 1;
-        // What goes on for ever is not read to its end: it is the last line.
+        // A line that is too long ends the input: the rest of it is not read.
         let endless = line.len() as u64 >= LONGEST_BYTES && !line.ends_with(b"\n");
         let problem = if endless {
             let problem = format!("the line is longer than {} MiB", LONGEST_BYTES >> 20);

@@ -420,7 +420,7 @@ impl<T: Scalar> Guide<T> {
         }
     }
 
-    /// What the vehicle can do is something else than was thought: from the next trajectory on.
+    /// Replaces the limits. The next trajectory is the first that keeps the new ones.
     pub(super) fn set_limits(&mut self, limits: Limits<T>) {
         self.limits = limits;
     }

@@ -94,8 +94,8 @@ impl<T: Scalar> Route<T> {
         )
     }
 
-    /// Draws every waypoint that is out of reach to the nearest place that is not. Returns the
-    /// longest correction, metres. Worst case: 29 candidates per waypoint.
+    /// Moves each waypoint that is out of reach to the nearest place within reach. Returns the
+    /// longest such move, metres. Worst case: 29 candidates per waypoint.
     pub(super) fn anchor(&self, path: &mut PathMut<'_, T>) -> T {
         let mut from = self.from;
         let mut moved_m = T::zero();
