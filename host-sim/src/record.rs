@@ -369,14 +369,19 @@ impl FlightRecord {
         (sum / symbols, symbols.sqrt().recip())
     }
 
-    /// Steps longer than `V_max delta`, places outside the area, a destination out of reach, and
-    /// users short of their quota.
+    /// Steps longer than `V_max delta`, places outside the area and, of a mission that was flown to
+    /// its end, a destination out of reach and users short of their quota: a flight that was broken
+    /// off says so itself.
     fn constraint_violations(&self) -> usize {
         let mission = &self.scenario.mission;
         let p = mission.parameters();
         let mut violations = 0;
         let mut from = p.start;
         for slot in &self.slots {
+            if !self.completed && slot.tick.extrapolated {
+                // The link was dying: where the vehicle was is not known.
+                continue;
+            }
             let step_m = (slot.flown - from).norm();
             violations += usize::from(step_m > mission.reach_m() + MEASUREMENT_M);
             let nearest = Position::new(
@@ -385,6 +390,9 @@ impl FlightRecord {
             );
             violations += usize::from((slot.flown - nearest).norm() > MEASUREMENT_M);
             from = slot.flown;
+        }
+        if !self.completed {
+            return violations;
         }
         violations += usize::from(!mission.has_arrived(&from));
         violations += usize::from(self.slots.len() != mission.slots() as usize);

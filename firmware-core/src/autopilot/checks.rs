@@ -200,7 +200,7 @@ impl fmt::Display for Finding {
             Self::Set { name, from, to } => write!(f, "{name} set from {from} to {to}"),
             Self::Restored { name, value } => write!(f, "{name} put back to {value}"),
             Self::NotRestored { name, value } => {
-                write!(f, "{name} was NOT put back: set it to {value} yourself")
+                write!(f, "{name} was NOT put back: it was {value}")
             }
         }
     }
@@ -831,10 +831,7 @@ mod tests {
             "WPNAV_SPEED is 1000: it clips speed; set it to 3500"
         );
         let (_, said) = play(&mut reader, &mut values, true, true, |_| true);
-        assert_eq!(
-            said,
-            ["WPNAV_SPEED was NOT put back: set it to 1000 yourself"]
-        );
+        assert_eq!(said, ["WPNAV_SPEED was NOT put back: it was 1000"]);
     }
 
     #[test]

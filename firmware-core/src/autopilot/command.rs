@@ -111,6 +111,7 @@ fn message_name(id: u32) -> Option<&'static str> {
         193 => "EKF_STATUS_REPORT",
         230 => "ESTIMATOR_STATUS",
         245 => "EXTENDED_SYS_STATE",
+        436 => "CURRENT_MODE",
         _ => return None,
     })
 }

@@ -74,7 +74,7 @@ pub struct Row {
 pub static TABLE: [Row; 15] = [
     Row {
         cause: Cause::HeartbeatLost,
-        detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s; with PX4, which sends one a second, 10 s)",
+        detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s; with PX4, which sends one a second, 10 s), or nothing at all for 5 s",
         reaction: Reaction::Silence,
         ends: "the autopilot's own link failsafe; if it is heard again and still ours, NAV_LAND",
     },

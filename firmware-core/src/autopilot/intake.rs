@@ -11,7 +11,7 @@ use super::command::Outcome;
 use super::event::Event;
 use super::failsafe::Cause;
 use super::frames::Geodetic;
-use super::profile::{Firmware, is_armed, mode_of};
+use super::profile::{Firmware, Mode, is_armed, mode_of};
 use super::telemetry::News;
 use super::wire::{Address, status_text};
 use super::{Autopilot, Phase};
@@ -33,8 +33,10 @@ impl<T: Scalar> Autopilot<T> {
         if self.vehicle.is_none_or(|(address, _)| address != from) {
             return;
         }
+        self.telemetry.heard = now;
         match message {
             MavMessage::HEARTBEAT(heartbeat) => self.take_heartbeat(now, heartbeat),
+            MavMessage::CURRENT_MODE(mode) => self.take_mode(now, Mode(mode.custom_mode)),
             MavMessage::COMMAND_ACK(ack) => self.take_ack(now, ack),
             MavMessage::LOCAL_POSITION_NED(position) => self.take_position(now, position),
             MavMessage::ESTIMATOR_STATUS(status) => self.telemetry.take_estimator(status),
@@ -111,13 +113,30 @@ impl<T: Scalar> Autopilot<T> {
         }
         let (mode, armed) = (mode_of(heartbeat), is_armed(heartbeat));
         self.telemetry.heartbeat_came = Some(now);
-        if self.telemetry.mode.replace(mode) != Some(mode) {
-            self.events.push(Event::Mode { firmware, mode });
-        }
+        self.note_mode(firmware, mode);
         if core::mem::replace(&mut self.telemetry.armed, armed) != armed {
             self.events.push(Event::Armed(armed));
         }
         self.heartbeat_judged(now, firmware, mode);
+    }
+
+    /// PX4 tells its mode sooner so than by its heartbeat, which comes once a second.
+    fn take_mode(&mut self, now: Instant, mode: Mode) {
+        // Autopilots that do not know it yet send 0.
+        let Some((_, firmware)) = self.vehicle.filter(|_| mode != Mode(0)) else {
+            return;
+        };
+        // While the link counts as silent, a heartbeat has to end that.
+        if !self.silent {
+            self.note_mode(firmware, mode);
+            self.heartbeat_judged(now, firmware, mode);
+        }
+    }
+
+    fn note_mode(&mut self, firmware: Firmware, mode: Mode) {
+        if self.telemetry.mode.replace(mode) != Some(mode) {
+            self.events.push(Event::Mode { firmware, mode });
+        }
     }
 
     fn take_ack(&mut self, now: Instant, ack: &COMMAND_ACK_DATA) {

@@ -644,15 +644,23 @@ impl<T: Scalar> Autopilot<T> {
     /// Whether the autopilot has not been heard for [`failsafe::Watch::heartbeat`]: the link, or
     /// what is at its other end, is dead for now.
     pub fn is_link_silent(&self, now: Instant) -> bool {
-        self.heartbeat_age(now)
-            .is_some_and(|age| age > self.heartbeat_patience())
+        self.was_silent_for(now, Duration::ZERO)
     }
 
     /// Whether the silence has lasted for [`failsafe::Watch::link_dead`] longer than that.
     pub fn is_link_dead(&self, now: Instant) -> bool {
-        let watch = &self.settings.watch;
-        self.heartbeat_age(now)
-            .is_some_and(|age| age > self.heartbeat_patience() + watch.link_dead)
+        self.was_silent_for(now, self.settings.watch.link_dead)
+    }
+
+    /// Whether the link has counted as silent for `since`: no heartbeat came, or, once positions
+    /// flow, nothing at all.
+    fn was_silent_for(&self, now: Instant, since: Duration) -> bool {
+        let Some(age) = self.heartbeat_age(now) else {
+            return false;
+        };
+        let nothing = self.telemetry.sample.is_some()
+            && now - self.telemetry.heard > self.settings.watch.heartbeat + since;
+        nothing || age > self.heartbeat_patience() + since
     }
 
     /// Gives up putting parameters back: an event for each says what it was.

@@ -139,7 +139,7 @@ impl Firmware {
     }
 
     /// Whether it takes a SET_MESSAGE_INTERVAL for its heartbeat. PX4 refuses it and sends one a
-    /// second.
+    /// second; its CURRENT_MODE tells who has control sooner.
     pub const fn sends_heartbeats_on_request(self) -> bool {
         !matches!(self, Self::Px4)
     }

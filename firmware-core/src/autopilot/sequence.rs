@@ -45,12 +45,14 @@ const GPS_GLOBAL_ORIGIN: u32 = 49;
 const ESTIMATOR_STATUS: u32 = 230;
 const EKF_STATUS_REPORT: u32 = 193;
 const EXTENDED_SYS_STATE: u32 = 245;
+const CURRENT_MODE: u32 = 436;
 
 impl<T: Scalar> Autopilot<T> {
     /// Telemetry that is asked for, one command after the other.
     fn subscription(&self, step: u8, firmware: Firmware) -> Option<Request> {
         let every = |message, interval| Some(Request::MessageInterval { message, interval });
         let half_second = Duration::from_millis(500);
+        let fifth = Duration::from_millis(200);
         match step {
             0 => every(LOCAL_POSITION_NED, self.settings.telemetry_interval),
             1 if firmware == Firmware::ArduCopter => every(EKF_STATUS_REPORT, half_second),
@@ -58,7 +60,8 @@ impl<T: Scalar> Autopilot<T> {
             2 => every(SYS_STATUS, half_second),
             3 => every(EXTENDED_SYS_STATE, half_second),
             // Tells a change of mode sooner, and survives a link that loses frames.
-            4 => every(HEARTBEAT, Duration::from_millis(200)),
+            4 if firmware.sends_heartbeats_on_request() => every(HEARTBEAT, fifth),
+            4 => every(CURRENT_MODE, fifth),
             _ => None,
         }
     }
@@ -421,12 +424,11 @@ impl<T: Scalar> Autopilot<T> {
                 self.phase,
                 Phase::Arming | Phase::TakingOff | Phase::Landing | Phase::Disarming
             );
-        let heard = telemetry.heartbeat_came?;
-        if armed_by_us && !self.silent && now - heard > self.heartbeat_patience() {
+        if armed_by_us && !self.silent && self.is_link_silent(now) {
             return Some(Cause::HeartbeatLost);
         }
         let concerned = armed_by_us || starting || self.launch;
-        if concerned && now - heard > self.heartbeat_patience() + watch.link_dead {
+        if concerned && self.is_link_dead(now) {
             return Some(Cause::LinkDead);
         }
         if self.silent {
@@ -658,10 +660,13 @@ impl<T: Scalar> Autopilot<T> {
         // Extrapolated places say nothing new, and an ideal vehicle has no lag.
         if let Some(end) = leg.reference_end.filter(|_| !extrapolated && !at_setpoint) {
             let speed_mps = end.velocity.norm();
-            // While it gathers speed or turns, or flies slowly, other things decide where it is.
+            // While it gathers speed or turns, or flies slowly, or its simulator stalls, other things
+            // decide where it is.
+            let stalled = self.telemetry.clock.last_stall() >= self.phase_since;
             let cruises = end.acceleration.norm()
                 <= self.limits.acceleration_mps2 * T::of(CRUISING)
-                && speed_mps >= self.settings.transit_speed_mps * T::of(0.3);
+                && speed_mps >= self.settings.transit_speed_mps * T::of(0.3)
+                && !stalled;
             if core::mem::replace(&mut self.cruised, cruises) && cruises {
                 let behind = (end.position - sample.position).dot(&end.velocity);
                 let observed_s = behind / (speed_mps * speed_mps);

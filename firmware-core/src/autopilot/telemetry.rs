@@ -101,6 +101,8 @@ pub(super) struct Telemetry<T: Scalar> {
     pub(super) boot_ms: u32,
     pub(super) sample_came: Instant,
     pub(super) heartbeat_came: Option<Instant>,
+    /// When the autopilot last sent anything that the client takes.
+    pub(super) heard: Instant,
     pub(super) mode: Option<Mode>,
     pub(super) armed: bool,
     pub(super) estimator: Option<EstimatorStatusFlags>,
@@ -131,6 +133,7 @@ impl<T: Scalar> Telemetry<T> {
             boot_ms: 0,
             sample_came: Instant::ZERO,
             heartbeat_came: None,
+            heard: Instant::ZERO,
             mode: None,
             armed: false,
             estimator: None,

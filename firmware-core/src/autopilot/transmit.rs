@@ -19,6 +19,10 @@ const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
 /// The longest time between two looks at the clock that all time-outs here tolerate.
 const LONGEST_NAP: Duration = Duration::from_millis(50);
 
+/// The reference is ahead of the newest sample by so many telemetry intervals at most: what stops
+/// sending samples may have stopped flying, as a simulator does that stalls.
+const FURTHEST_AHEAD: u32 = 2;
+
 impl<T: Scalar> Autopilot<T> {
     /// The next message to send. Call until `None` whenever something was received, and at
     /// the latest at [`Autopilot::poll_at`].
@@ -161,6 +165,11 @@ impl<T: Scalar> Autopilot<T> {
         let motion = if at_setpoints && leg_over {
             // Exactly the waypoint, until the next leg is known.
             stream.guide.target()
+        } else if let Some(sample) = self.telemetry.sample
+            && !at_setpoints
+        {
+            let latest = sample.time + self.settings.telemetry_interval * FURTHEST_AHEAD;
+            stream.guide.at(vehicle_now.min(latest))
         } else {
             stream.guide.at(vehicle_now)
         };

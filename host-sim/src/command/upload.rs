@@ -42,6 +42,9 @@ pub(crate) struct UploadArguments {
     set_params: bool,
 }
 
+/// Way-points that are nearer to each other are one, m.
+const SAME_PLACE_M: f64 = 0.5;
+
 /// Plans on the ideal vehicle, uploads, reads back, and starts if asked.
 pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.autopilot.scenario)?;
@@ -65,8 +68,13 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     .map_err(|failed| Failure::failed(format!("planning: {}", failed.error)))?;
     let mission = scenario.mission.parameters();
     let mut waypoints: Vec<_> = record.slots.iter().map(|slot| slot.planned).collect();
-    // One more slot away at most; the paper counts that as arrived.
-    waypoints.push(mission.destination);
+    // The paper counts a place one more slot away as arrived.
+    let last_m = waypoints
+        .last()
+        .map(|last| (mission.destination - last).norm());
+    if last_m.is_none_or(|last_m| last_m > SAME_PLACE_M) {
+        waypoints.push(mission.destination);
+    }
     let (mut session, mut client) =
         arguments
             .autopilot

@@ -54,6 +54,7 @@ pub use clock::Pace;
 use ground::Ground;
 pub use peer::Peer;
 use reason::Reasons;
+pub(crate) use reason::is_notable;
 
 /// How long an autopilot's first heartbeat is waited for.
 pub const CONNECT_PATIENCE: Duration = Duration::from_secs(30);

@@ -21,7 +21,7 @@ const WARNING: u8 = 4;
 const NOTICE: u8 = 5;
 
 /// Whether a person wants to see the event when it happens.
-pub(super) fn is_notable(event: &Event) -> bool {
+pub(crate) fn is_notable(event: &Event) -> bool {
     match event {
         Event::Text { severity, .. } => *severity <= WARNING,
         // What was not put back is said as something to do.

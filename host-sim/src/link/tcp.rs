@@ -12,6 +12,10 @@ use super::{BackOff, HostPort, Link, PIECE, patiently};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
+/// What was sent and is not acknowledged for so long is dropped, and the connection with it: an
+/// order for a vehicle must not arrive long after it was given, nor after this process has ended.
+#[cfg(target_os = "linux")]
+const UNACKNOWLEDGED: Duration = Duration::from_secs(3);
 
 /// A connection that is made when it is needed, and again when it broke.
 #[derive(Debug)]
@@ -83,6 +87,8 @@ fn connect(to: &HostPort) -> io::Result<TcpStream> {
     // Setpoints are small and must not be collected into larger segments.
     stream.set_nodelay(true)?;
     stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+    #[cfg(target_os = "linux")]
+    rustix::net::sockopt::set_tcp_user_timeout(&stream, UNACKNOWLEDGED.as_millis() as u32)?;
     Ok(stream)
 }
 

@@ -13,7 +13,7 @@ use mavlink::dialects::common::{
 
 use super::body::Target;
 use super::parameters::Value;
-use super::telemetry::{HEARTBEAT, LOCAL_POSITION_NED};
+use super::telemetry::LOCAL_POSITION_NED;
 use super::{FlightMode, Setpoint, Vehicle};
 
 /// Setpoints further apart than this do not make a stream (PX4 asks for 2 Hz).
@@ -116,9 +116,11 @@ impl Vehicle {
     fn obey(&mut self, now: Instant, command: &COMMAND_LONG_DATA) -> Option<MavResult> {
         use MavResult as R;
         Some(match command.command {
-            // PX4 does not let the interval of its heartbeat be set.
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
-                if self.firmware == Firmware::Px4 && command.param1 as u32 == HEARTBEAT =>
+                if self
+                    .settings
+                    .refused_intervals
+                    .contains(&(command.param1 as u32)) =>
             {
                 R::MAV_RESULT_FAILED
             }

@@ -34,13 +34,13 @@ use nalgebra::Vector2;
 pub use body::Ability;
 pub use profile::{Airframe, Profile};
 pub use serve::serve;
-pub use timing::{Hiccups, Sampling};
+pub use timing::{Pauses, Sampling};
 
 use body::{Body, Target};
 use missions::Missions;
 use parameters::Parameters;
 use telemetry::Streams;
-use timing::Timing;
+use timing::{StallingClock, Timing};
 use wind::Wind;
 
 /// What a vehicle is made with.
@@ -66,10 +66,14 @@ pub struct VehicleSettings {
     /// How regularly its samples are taken and delivered.
     pub sampling: Sampling,
     /// How often nothing comes from it for a moment.
-    pub hiccups: Hiccups,
+    pub hiccups: Pauses,
+    /// How often its clock stands still: a simulator on a computer that is busy.
+    pub stalls: Pauses,
     /// Steady wind from the west, m/s, with gusts.
     pub wind_mps: f64,
-    /// Of jitter, hiccups and gusts.
+    /// Ids of messages whose interval it does not let anybody set.
+    pub refused_intervals: Vec<u32>,
+    /// Of jitter, hiccups, stalls and gusts.
     pub seed: u64,
     /// From this time of its own on it sends and takes nothing any more: death without a word.
     pub die_after: Option<Duration>,
@@ -94,6 +98,8 @@ impl VehicleSettings {
             clock_rate: profile.clock_rate(),
             sampling: profile.sampling(),
             hiccups: profile.hiccups(),
+            stalls: Pauses::default(),
+            refused_intervals: profile.refused_intervals(),
             wind_mps: 0.0,
             seed: 1,
             die_after: None,
@@ -161,6 +167,7 @@ pub struct Vehicle {
     /// Frames and when they leave.
     outbox: VecDeque<(Instant, Vec<u8>)>,
     timing: Timing,
+    stalling: StallingClock,
     /// The vehicle's time up to which the body has moved, and the latest.
     time: Instant,
     clock: Instant,
@@ -215,6 +222,7 @@ impl Vehicle {
             encoder,
             outbox: VecDeque::new(),
             timing: Timing::new(settings.sampling, settings.hiccups, settings.seed),
+            stalling: StallingClock::new(settings.stalls, settings.seed),
             time: Instant::ZERO,
             clock: Instant::ZERO,
             wind: Wind::new(settings.wind_mps, settings.seed),
@@ -287,7 +295,8 @@ impl Vehicle {
     }
 
     /// The vehicle's own time at the caller's `now`.
-    fn own_time(&self, now: Instant) -> Instant {
+    fn own_time(&mut self, now: Instant) -> Instant {
+        let now = self.stalling.time(now);
         Instant::from_micros((now.micros() as f64 * self.settings.clock_rate).round() as u64)
     }
 
@@ -402,8 +411,8 @@ impl Vehicle {
             self.hold_altitude_m = self.body.altitude_m;
             self.landed_since = None;
             self.sinks = false;
-            // Autopilots tell at once when the mode changes.
-            if !self.faults.no_heartbeat {
+            // Where heartbeats come once a second, the next one tells.
+            if !self.faults.no_heartbeat && self.firmware.sends_heartbeats_on_request() {
                 self.send_heartbeat();
             }
         }

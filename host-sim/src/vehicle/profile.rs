@@ -7,7 +7,8 @@ use firmware_core::autopilot::profile::Firmware;
 use firmware_core::time::Duration;
 
 use super::body::Ability;
-use super::timing::{Hiccups, Sampling};
+use super::telemetry::HEARTBEAT;
+use super::timing::{Pauses, Sampling};
 
 /// Which vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -151,13 +152,21 @@ impl Profile {
         }
     }
 
+    /// Ids of messages whose interval it does not let anybody set: PX4's heartbeat.
+    pub(super) fn refused_intervals(self) -> Vec<u32> {
+        match self {
+            Self::Px4 => vec![HEARTBEAT],
+            _ => Vec::new(),
+        }
+    }
+
     /// How often nothing comes from it for a moment: some twice in a flight.
-    pub(super) const fn hiccups(self) -> Hiccups {
+    pub(super) const fn hiccups(self) -> Pauses {
         let (length_ms, interval_s) = match self {
             Self::Ideal | Self::Multirotor => (0, 0),
             Self::ArduCopter | Self::Px4 => (130, 60),
         };
-        Hiccups {
+        Pauses {
             length: Duration::from_millis(length_ms),
             interval: Duration::from_secs(interval_s),
         }

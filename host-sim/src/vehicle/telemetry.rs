@@ -6,11 +6,11 @@ use firmware_core::autopilot::wire::MAX_FRAME;
 use firmware_core::time::{Duration, Instant};
 use firmware_core::{Displacement, Position};
 use mavlink::dialects::common::{
-    ATTITUDE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA, EstimatorStatusFlags,
-    GLOBAL_POSITION_INT_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA,
-    MavAutopilot, MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState,
-    MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState, STATUSTEXT_DATA,
-    SYS_STATUS_DATA,
+    ATTITUDE_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
+    EstimatorStatusFlags, GLOBAL_POSITION_INT_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA,
+    LOCAL_POSITION_NED_DATA, MavAutopilot, MavLandedState, MavMessage, MavModeFlag, MavSeverity,
+    MavState, MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState,
+    STATUSTEXT_DATA, SYS_STATUS_DATA,
 };
 
 use super::profile::Profile;
@@ -25,6 +25,7 @@ pub(super) const GPS_GLOBAL_ORIGIN: u32 = 49;
 pub(super) const ESTIMATOR_STATUS: u32 = 230;
 pub(super) const EKF_STATUS_REPORT: u32 = 193;
 pub(super) const EXTENDED_SYS_STATE: u32 = 245;
+pub(super) const CURRENT_MODE: u32 = 436;
 
 /// One message that is sent regularly.
 #[derive(Clone, Copy, Debug)]
@@ -188,6 +189,14 @@ impl Vehicle {
                 self.send(&MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
                     vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
                     landed_state,
+                }));
+            }
+            CURRENT_MODE if self.firmware != Firmware::Generic => {
+                let custom_mode = self.custom_mode(self.mode);
+                self.send(&MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
+                    custom_mode,
+                    intended_custom_mode: custom_mode,
+                    ..CURRENT_MODE_DATA::DEFAULT
                 }));
             }
             _ => return false,
