@@ -17,9 +17,12 @@ use firmware_core::{
     Position, PowerGain, SENSORS_MAX, Watt,
     inner::{SlotLimits, Workspace, alternating},
 };
-use host_sim::{conic, document, scenario::Scenario, solve::Problem};
+use host_sim::document;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use reference::conic;
+use reference::solve::Problem;
+use scenario::Scenario;
 use serde::Deserialize;
 
 /// Compares the solvers of the slot problem.

@@ -18,11 +18,10 @@ use firmware_core::{
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::{
-    flight::CONNECT_PATIENCE,
-    input,
-    link::{Session, Silence},
-};
+use crate::flight::CONNECT_PATIENCE;
+use crate::session::Session;
+use link::Silence;
+use scenario::input;
 
 /// The name of the file beside a run's report.
 pub const FILE_NAME: &str = "parameters.journal.json";

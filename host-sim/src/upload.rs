@@ -14,7 +14,8 @@ use firmware_core::time::{Duration, Instant};
 use thiserror::Error;
 
 use crate::flight::{CONNECT_PATIENCE, WrongProfile, is_notable};
-use crate::link::{Session, Silence};
+use crate::session::Session;
+use link::Silence;
 
 /// What is handed over.
 #[derive(Clone, Debug)]

@@ -8,7 +8,7 @@ use std::{
 };
 
 use firmware_core::{PowerGain, Watt, aircomp};
-use host_sim::solve::{Answer, Method, Precision, Problem, run};
+use reference::solve::{Answer, Method, Precision, Problem, run};
 use serde::Deserialize;
 
 /// What is known of a reference slot.

@@ -13,9 +13,11 @@ use firmware_core::autopilot::wire::signing::SigningKey;
 use firmware_core::time::Duration;
 use flight::{free_port, zigzag};
 use host_sim::doctor::{Diagnosis, examine};
-use host_sim::link::{LinkAddress, Port, Session, tlog};
+use host_sim::serve::serve;
+use host_sim::session::Session;
 use host_sim::upload::{FailedUpload, Progress, Upload};
-use host_sim::vehicle::{Profile, Vehicle, VehicleSettings, serve};
+use link::{LinkAddress, Port, tlog};
+use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const SPEED: f64 = 20.0;
 

@@ -456,9 +456,9 @@ mod tests {
         controller::{ChannelState, Controller},
         policy::{Action, Policy},
     };
-    use host_sim::scenario::{HostMission, Scenario};
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
+    use scenario::{HostMission, Scenario};
     use std::{cell::RefCell, rc::Rc};
 
     fn mission(name: &str) -> HostMission {

@@ -155,7 +155,7 @@ mod tests {
         learner::Choice,
         settings::{Algorithm, Preset, Settings},
     };
-    use host_sim::scenario::Scenario;
+    use scenario::Scenario;
 
     fn environment() -> Environment<f64> {
         let scenario = Scenario::shipped("separated").and_then(|s| s.with_noise_dbm(-85.0).ok());

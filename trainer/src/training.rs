@@ -6,10 +6,11 @@ use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use anyhow::{Context, bail, ensure};
 use firmware_core::policy::{Provenance, mlp::Mlp};
-use host_sim::{bound, scenario::Scenario};
 use indicatif::{ProgressBar, ProgressStyle};
+use planning::bound;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use scenario::Scenario;
 
 use crate::{
     actor::Actor,

@@ -6,12 +6,12 @@ use clap::{Args, ValueEnum};
 use firmware_core::console::{Decider, Footprint};
 use host_sim::{
     flight::board::{Image, Twin, order},
-    input,
-    link::HostPort,
     policy::PolicyChoice,
-    scenario::Scenario,
-    vehicle::Profile,
 };
+use link::HostPort;
+use scenario::Scenario;
+use scenario::input;
+use vehicle::Profile;
 
 use super::Failure;
 

@@ -11,11 +11,11 @@ use host_sim::{
         self, FlightSettings, Pace, Peer,
         board::{Campaign, Image, SLOTS_EACH, Twin, fly, order},
     },
-    input,
-    link::HostPort,
-    scenario::ScenarioChoice,
-    vehicle::{Profile, Vehicle},
 };
+use link::HostPort;
+use scenario::ScenarioChoice;
+use scenario::input;
+use vehicle::{Profile, Vehicle};
 
 use super::Failure;
 

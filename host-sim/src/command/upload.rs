@@ -8,9 +8,9 @@ use host_sim::{
     interrupt,
     policy::PolicyChoice,
     upload::{Progress, Upload},
-    vehicle::{Profile, Vehicle},
 };
 use indicatif::{ProgressBar, ProgressStyle};
+use vehicle::{Profile, Vehicle};
 
 use super::doctor::AutopilotArguments;
 use super::{Failure, load_policy, load_scenario, terminal};

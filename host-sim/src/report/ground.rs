@@ -8,7 +8,8 @@ use super::{
     markup::{Element, PathData, element, label, line, rectangle},
     quantity::plain,
 };
-use crate::{record::FlightRecord, scenario::Scenario};
+use crate::record::FlightRecord;
+use scenario::Scenario;
 
 /// Maps of long areas get no higher than this.
 const HEIGHT_MAX: f64 = 560.0;

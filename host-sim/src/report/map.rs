@@ -9,10 +9,8 @@ use super::{
     quantity::{self, plain, shortened, significant},
     slot_words, theme,
 };
-use crate::{
-    record::{FlightRecord, PathSample, SlotRecord},
-    scenario::Scenario,
-};
+use crate::record::{FlightRecord, PathSample, SlotRecord};
+use scenario::Scenario;
 
 const USER_RADIUS: f64 = 5.0;
 const LABEL_SIZE: f64 = 11.0;

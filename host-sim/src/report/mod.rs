@@ -36,10 +36,8 @@ use std::{fs, io, path::Path};
 
 use firmware_core::inner::LimitedBy;
 
-use crate::{
-    record::{FlightRecord, SlotRecord, Summary},
-    scenario::Scenario,
-};
+use crate::record::{FlightRecord, SlotRecord, Summary};
+use scenario::Scenario;
 
 pub use table::{Look, table};
 

@@ -14,14 +14,11 @@ use firmware_core::{
         mlp::{self, Mlp},
     },
 };
-use host_sim::{
-    allocation::Allocation,
-    input,
-    policy::foreign_mission,
-    scenario::{Scenario, ScenarioChoice},
-};
+use host_sim::{allocation::Allocation, policy::foreign_mission};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use scenario::input;
+use scenario::{Scenario, ScenarioChoice};
 use serde::Serialize;
 use trainer::{
     checkpoint,

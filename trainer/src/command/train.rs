@@ -7,11 +7,9 @@ use std::{
 
 use anyhow::{Context, Error, anyhow, ensure};
 use clap::Args;
-use host_sim::{
-    allocation::Allocation,
-    input,
-    scenario::{Scenario, ScenarioChoice},
-};
+use host_sim::allocation::Allocation;
+use scenario::input;
+use scenario::{Scenario, ScenarioChoice};
 use trainer::{
     ddpg::Ddpg,
     learner::Learner,

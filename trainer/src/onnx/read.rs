@@ -11,8 +11,8 @@ use firmware_core::{
     USERS_MAX,
     policy::{Provenance, mlp::SELF_TEST_TOLERANCE},
 };
-use host_sim::input;
 use prost::Message;
+use scenario::input;
 
 use super::{
     FORMAT_VERSION,
@@ -479,9 +479,9 @@ mod tests {
         settings::{Algorithm, Preset, Settings},
         training::actor_of,
     };
-    use host_sim::scenario::Scenario;
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
+    use scenario::Scenario;
 
     /// A shipped mission's untrained policy with something spoilt: an error, not a panic.
     fn refused(spoil: impl Fn(&mut GraphProto)) -> String {

@@ -4,8 +4,12 @@
 //! names file, field, value and what would be right. The ranges themselves live in
 //! [`firmware_core::mission`], the only place that rejects a mission.
 
+#![deny(missing_docs)]
+
 mod choice;
+pub mod input;
 mod random;
+mod rates;
 mod sensing;
 mod topology;
 
@@ -16,15 +20,15 @@ use std::{
 
 use firmware_core::{
     Mission, Position, SENSORS_MAX, USERS_MAX, Watt,
+    autopilot::frames::Geodetic,
     mission::{Area, Environment, ExcessLoss, MissionParameters},
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::input;
-
 pub use choice::{Changes, ScenarioChoice};
 pub use random::{Layout, random};
+pub use rates::{PlaceRates, with_field};
 pub use sensing::{Function, Sensing, TemperatureField};
 pub use topology::{Topology, generate};
 
@@ -141,6 +145,13 @@ struct SensorsTable {
 }
 
 impl Scenario {
+    /// The place on Earth of the map's `[0, 0]`, as MAVLink counts it.
+    pub fn map_origin(&self) -> Geodetic {
+        // A scenario's origin has been checked to lie on Earth.
+        Geodetic::from_degrees(self.origin.latitude_deg, self.origin.longitude_deg)
+            .unwrap_or_default()
+    }
+
     /// Reads and checks a file.
     ///
     /// # Errors

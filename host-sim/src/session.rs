@@ -8,8 +8,8 @@ use firmware_core::autopilot::wire::Address;
 use firmware_core::time::Instant;
 use mavlink::dialects::common::MavMessage;
 
-use super::{Port, Silence};
 use crate::flight::{ProfileChoice, WrongProfile};
+use link::{Port, Silence};
 
 /// A port and a clock that runs `speed` times as fast as the wall's.
 #[derive(Debug)]

@@ -6,8 +6,8 @@ use std::time::Duration as WallDuration;
 
 use firmware_core::time::{Duration, Instant};
 
-use super::Vehicle;
-use crate::link::{Link, tlog::wall_clock_us};
+use link::{Link, tlog::wall_clock_us};
+use vehicle::Vehicle;
 
 /// The longest step of its time: where the machine was late, telemetry comes for every part of
 /// what was missed, as from a vehicle that was not.

@@ -8,11 +8,11 @@ use firmware_core::mission::{Environment, ExcessLoss};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
+use super::rates::PlaceRates;
 use super::{
     AircompTable, MissionTable, Origin, RadioTable, Scenario, ScenarioFile, Sensing, SensorsTable,
     UsersTable,
 };
-use crate::search::PlaceRates;
 
 /// How users, or sensors, are spread over the area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

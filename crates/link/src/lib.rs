@@ -7,13 +7,14 @@
 //!                                          └ lossy::Impaired: a bad radio, seeded
 //! ```
 
+#![deny(missing_docs)]
+
 mod beside;
 pub mod faults;
 pub mod key;
 pub mod lossy;
 mod port;
 mod serial;
-mod session;
 mod tcp;
 pub mod tlog;
 mod udp;
@@ -25,7 +26,6 @@ use std::time::Duration;
 
 pub use beside::Beside;
 pub use port::Port;
-pub use session::Session;
 
 /// Bytes to and from one place.
 pub trait Link: Send + fmt::Debug {

@@ -313,7 +313,7 @@ fn bounded_rates<const M: usize, const J: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::{HostMission, Scenario};
+    use scenario::{HostMission, Scenario};
 
     fn first_level(mission: &HostMission) -> Level {
         let p = mission.parameters();

@@ -19,7 +19,9 @@ use firmware_core::{
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{conic, input::LONGEST_BYTES};
+use scenario::input::LONGEST_BYTES;
+
+use crate::conic;
 
 /// Which solver answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]

@@ -12,7 +12,7 @@ use firmware_core::{
 };
 use serde_json::{Value, json};
 
-use crate::{flight, scenario::Scenario};
+use scenario::Scenario;
 
 /// MAV_AUTOPILOT_ARDUPILOTMEGA and MAV_AUTOPILOT_PX4.
 const ARDUPILOT: u8 = 3;
@@ -26,7 +26,7 @@ const RELATIVE_ALTITUDE: u8 = 1;
 /// path that cannot be numbered in a mission, with none or more than 65 000 waypoints.
 pub fn plan_file(scenario: &Scenario, waypoints: &[Position<f64>]) -> Option<String> {
     let p = scenario.mission.parameters();
-    let map = MapFrame::<f64>::new(flight::map_origin(scenario));
+    let map = MapFrame::<f64>::new(scenario.map_origin());
     let mission = MissionPlan {
         // PX4's missions have no item for the home position; QGroundControl adds it for ArduPilot.
         firmware: Firmware::Px4,

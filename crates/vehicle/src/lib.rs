@@ -9,13 +9,14 @@
 //! receive(now, bytes) ─ endpoint ─ mode, arming, setpoint ─ body ─ telemetry ─ next_frame()
 //! ```
 
+#![deny(missing_docs)]
+
 mod body;
 mod conduct;
 mod endpoint;
 mod missions;
 mod parameters;
 mod profile;
-mod serve;
 mod telemetry;
 mod timing;
 mod wind;
@@ -33,7 +34,6 @@ use nalgebra::Vector2;
 
 pub use body::Ability;
 pub use profile::{Airframe, Profile};
-pub use serve::serve;
 pub use timing::{Pauses, Sampling};
 
 use body::{Body, Target};

@@ -14,11 +14,11 @@ mod unix {
     use rustix::fs::OFlags;
     use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 
-    use crate::link::{BackOff, Link, PIECE, is_idle};
+    use crate::{BackOff, Link, PIECE, is_idle};
 
     /// A device that may be unplugged and come back.
     #[derive(Debug)]
-    pub(in crate::link) struct Serial {
+    pub(crate) struct Serial {
         device: String,
         baud: u32,
         file: Option<File>,
@@ -27,7 +27,7 @@ mod unix {
 
     impl Serial {
         /// Opens the device; an error here is bad input, later ones are tried over.
-        pub(in crate::link) fn open(device: &str, baud: u32) -> io::Result<Self> {
+        pub(crate) fn open(device: &str, baud: u32) -> io::Result<Self> {
             Ok(Self {
                 file: Some(configured(device, baud)?),
                 device: device.to_owned(),
@@ -184,14 +184,14 @@ mod elsewhere {
     use std::io;
     use std::time::Duration;
 
-    use crate::link::Link;
+    use crate::Link;
 
     /// Serial devices are opened on Unix only.
     #[derive(Debug)]
-    pub(in crate::link) enum Serial {}
+    pub(crate) enum Serial {}
 
     impl Serial {
-        pub(in crate::link) fn open(device: &str, _: u32) -> io::Result<Self> {
+        pub(crate) fn open(device: &str, _: u32) -> io::Result<Self> {
             let message = format!("serial device {device}: serial links need Linux or macOS");
             Err(io::Error::new(io::ErrorKind::Unsupported, message))
         }

@@ -6,7 +6,7 @@ use firmware_core::{
 };
 
 use super::grid::Cell;
-use crate::search::with_field;
+use scenario::with_field;
 
 /// Steps of the gain table over the area's diagonal.
 const TABLE_STEPS: usize = 1 << 17;
@@ -102,7 +102,9 @@ pub(crate) fn round_up(value: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{bound::grid::Grid, scenario::Scenario, search::PlaceRates};
+    use scenario::{PlaceRates, Scenario};
+
+    use crate::bound::grid::Grid;
     use rand::{RngExt, SeedableRng};
 
     /// No point of a cell beats the cell's bound, and the bound closes in on it as cells shrink.

@@ -6,7 +6,9 @@ use firmware_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{assign, rates::PlaceRates};
+use scenario::PlaceRates;
+
+use super::assign;
 
 /// Where to be and whom to serve, slot by slot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -12,7 +12,7 @@ use firmware_core::{
 };
 use serde::Serialize;
 
-use crate::search::PlaceRates;
+use scenario::PlaceRates;
 
 /// The planner of the host: at the default capacities, with memory from the heap.
 pub type HostPlanner = Planner<f64, (Vec<f64>, Vec<u8>), USERS_MAX, SENSORS_MAX>;

@@ -8,15 +8,12 @@
 mod assignment;
 mod plan;
 mod polish;
-mod rates;
 mod rearrange;
 
 pub use assignment::assign;
 pub use plan::{Plan, SearchPolicy};
-pub use rates::PlaceRates;
 
 pub(crate) use polish::PathRules;
-pub(crate) use rates::with_field;
 
 use firmware_core::Position;
 

@@ -45,7 +45,7 @@ impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
 
 /// Hands over the sorted sensors of a slot. A valid mission's limits and gains make a slot
 /// problem; were they none, nothing could be sent, hence the `None`.
-pub(crate) fn with_field<const J: usize>(
+pub fn with_field<const J: usize>(
     room: &mut Workspace<f64, J>,
     limits: &SlotLimits<f64>,
     sensor_gains: &[PowerGain<f64>],

@@ -8,7 +8,9 @@
 use firmware_core::{Mission, Position};
 use rayon::prelude::*;
 
-use super::{rates::PlaceRates, rearrange::Stencils};
+use scenario::PlaceRates;
+
+use super::rearrange::Stencils;
 
 /// Candidates to each side of a waypoint.
 const STENCIL_REACH: i32 = 4;
@@ -145,7 +147,7 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Scenario;
+    use scenario::Scenario;
 
     /// Where start and destination are near each other, a path without waypoints joins them, but
     /// is no mission.
