@@ -10,16 +10,15 @@
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`], [`report`] | what a flight leaves behind, and its pages |
 //! | [`journal`] | what is changed in a vehicle and not put back yet |
-//! | [`document`] | tables that commands write into documents |
 //! | [`experiment`], [`benchmark`] | the figures of the paper; policies on many missions |
 //!
 //! Scenarios, the bound and the search, vehicles, links and reference solvers are crates of their
-//! own: `scenario`, `planning`, `vehicle`, `link`, `reference`.
+//! own: `scenario`, `planning`, `vehicle`, `link`, `reference`, and the kit of
+//! figures and pages: `figures`.
 
 pub mod allocation;
 pub mod benchmark;
 pub mod doctor;
-pub mod document;
 pub mod experiment;
 pub mod flight;
 pub mod interrupt;

@@ -3,12 +3,12 @@
 
 use firmware_core::Position;
 
-use super::{
+use crate::record::FlightRecord;
+use figures::{
     axis::{LEFT, RIGHT, Scale, round_step},
     markup::{Element, PathData, element, label, line, rectangle},
     quantity::plain,
 };
-use crate::record::FlightRecord;
 use scenario::Scenario;
 
 /// Maps of long areas get no higher than this.

@@ -13,19 +13,14 @@
 //! Users have the numbers of the scenario file and of `slots.csv`, which begin at 0; slots have
 //! the paper's, which begin at 1.
 
-mod axis;
 mod facts;
 mod ground;
 mod map;
-mod markup;
 mod page;
-mod placement;
-mod quantity;
 mod schedule;
 mod series;
 mod slots_csv;
 mod table;
-mod theme;
 
 #[cfg(test)]
 mod fixture;
@@ -34,6 +29,7 @@ mod tests;
 
 use std::{fs, io, path::Path};
 
+use figures::{axis::SlotAxis, quantity};
 use firmware_core::inner::LimitedBy;
 
 use crate::record::{FlightRecord, SlotRecord, Summary};
@@ -178,4 +174,10 @@ fn slot_words(record: &FlightRecord, slot: &SlotRecord) -> String {
         quantity::significant(slot.rate, 4),
         quantity::significant(slot.mse, 4),
     )
+}
+
+/// The axis of all slots of a mission, those included that a flight broken off did not reach.
+fn slot_axis(record: &FlightRecord) -> SlotAxis {
+    let slots = record.scenario.mission.slots() as usize;
+    SlotAxis::new(record.slots.len().max(slots))
 }

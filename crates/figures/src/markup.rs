@@ -13,7 +13,7 @@ const VOID: [&str; 3] = ["br", "meta", "col"];
 
 /// An element with its attributes and content.
 #[derive(Clone, Debug)]
-pub(super) struct Element {
+pub struct Element {
     name: &'static str,
     attributes: Vec<(&'static str, Cow<'static, str>)>,
     content: Vec<Node>,
@@ -28,7 +28,7 @@ enum Node {
 }
 
 /// An empty element.
-pub(super) fn element(name: &'static str) -> Element {
+pub fn element(name: &'static str) -> Element {
     Element {
         name,
         attributes: Vec::new(),
@@ -38,47 +38,48 @@ pub(super) fn element(name: &'static str) -> Element {
 
 impl Element {
     /// With an attribute.
-    pub(super) fn set(mut self, name: &'static str, value: impl Into<Cow<'static, str>>) -> Self {
+    pub fn set(mut self, name: &'static str, value: impl Into<Cow<'static, str>>) -> Self {
         self.attributes.push((name, value.into()));
         self
     }
 
     /// With a class: how it looks is written in the style sheet.
-    pub(super) fn class(self, class: &'static str) -> Self {
+    pub fn class(self, class: &'static str) -> Self {
         self.set("class", class)
     }
 
     /// With a length or coordinate, in the drawing's unit, to a hundredth.
-    pub(super) fn at(self, name: &'static str, value: f64) -> Self {
+    pub fn at(self, name: &'static str, value: f64) -> Self {
         self.set(name, Coordinate(value).to_string())
     }
 
     /// With text inside.
-    pub(super) fn text(mut self, text: impl Into<Cow<'static, str>>) -> Self {
+    pub fn text(mut self, text: impl Into<Cow<'static, str>>) -> Self {
         self.content.push(Node::Text(text.into()));
         self
     }
 
-    /// With a style sheet or script of this crate inside, which must not hold `<` or `&`.
-    pub(super) fn verbatim(mut self, text: impl Into<Cow<'static, str>>) -> Self {
+    /// With a style sheet, a script or a drawing of ours inside, which is written as it is: a style
+    /// sheet or script must not hold `<` or `&`.
+    pub fn verbatim(mut self, text: impl Into<Cow<'static, str>>) -> Self {
         self.content.push(Node::Verbatim(text.into()));
         self
     }
 
     /// With another element inside.
-    pub(super) fn with(mut self, child: Element) -> Self {
+    pub fn with(mut self, child: Element) -> Self {
         self.content.push(Node::Element(child));
         self
     }
 
     /// With other elements inside.
-    pub(super) fn with_all(mut self, children: impl IntoIterator<Item = Element>) -> Self {
+    pub fn with_all(mut self, children: impl IntoIterator<Item = Element>) -> Self {
         self.content.extend(children.into_iter().map(Node::Element));
         self
     }
 
     /// Adds an element inside.
-    pub(super) fn push(&mut self, child: Element) {
+    pub fn push(&mut self, child: Element) {
         self.content.push(Node::Element(child));
     }
 }
@@ -150,16 +151,16 @@ impl Display for Coordinate {
 
 /// The `d` of a path, a move or line at a time.
 #[derive(Clone, Debug, Default)]
-pub(super) struct PathData(String);
+pub struct PathData(String);
 
 impl PathData {
     /// Lifts the pen and goes to a point.
-    pub(super) fn move_to(&mut self, x: f64, y: f64) {
+    pub fn move_to(&mut self, x: f64, y: f64) {
         self.command('M', x, y);
     }
 
     /// Draws to a point.
-    pub(super) fn line_to(&mut self, x: f64, y: f64) {
+    pub fn line_to(&mut self, x: f64, y: f64) {
         self.command('L', x, y);
     }
 
@@ -169,7 +170,7 @@ impl PathData {
     }
 
     /// A line through points.
-    pub(super) fn through(points: impl IntoIterator<Item = [f64; 2]>) -> Self {
+    pub fn through(points: impl IntoIterator<Item = [f64; 2]>) -> Self {
         let mut data = Self::default();
         for (index, [x, y]) in points.into_iter().enumerate() {
             data.command(if index == 0 { 'M' } else { 'L' }, x, y);
@@ -178,13 +179,13 @@ impl PathData {
     }
 
     /// As an element, to be filled or stroked by its class.
-    pub(super) fn path(self, class: &'static str) -> Element {
+    pub fn path(self, class: &'static str) -> Element {
         element("path").class(class).set("d", self.0)
     }
 }
 
 /// A straight line.
-pub(super) fn line(class: &'static str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) -> Element {
+pub fn line(class: &'static str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) -> Element {
     element("line")
         .class(class)
         .at("x1", x1)
@@ -194,11 +195,7 @@ pub(super) fn line(class: &'static str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) 
 }
 
 /// A rectangle; negative extents count as 0.
-pub(super) fn rectangle(
-    class: &'static str,
-    [x, y]: [f64; 2],
-    [width, height]: [f64; 2],
-) -> Element {
+pub fn rectangle(class: &'static str, [x, y]: [f64; 2], [width, height]: [f64; 2]) -> Element {
     element("rect")
         .class(class)
         .at("x", x)
@@ -208,7 +205,7 @@ pub(super) fn rectangle(
 }
 
 /// A circle.
-pub(super) fn circle(class: &'static str, [x, y]: [f64; 2], radius: f64) -> Element {
+pub fn circle(class: &'static str, [x, y]: [f64; 2], radius: f64) -> Element {
     element("circle")
         .class(class)
         .at("cx", x)
@@ -217,11 +214,7 @@ pub(super) fn circle(class: &'static str, [x, y]: [f64; 2], radius: f64) -> Elem
 }
 
 /// Words at a place; how they are aligned is up to the class.
-pub(super) fn label(
-    class: &'static str,
-    [x, y]: [f64; 2],
-    text: impl Into<Cow<'static, str>>,
-) -> Element {
+pub fn label(class: &'static str, [x, y]: [f64; 2], text: impl Into<Cow<'static, str>>) -> Element {
     element("text")
         .class(class)
         .at("x", x)

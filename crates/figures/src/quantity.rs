@@ -1,7 +1,7 @@
 //! Numbers as people read them: a number of significant digits, a proper minus sign, units.
 
 /// `value` with `digits` significant digits; very small and very large ones as `1.23×10⁻⁷`.
-pub(super) fn significant(value: f64, digits: usize) -> String {
+pub fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return "–".into();
     }
@@ -21,7 +21,7 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
 }
 
 /// `value` as short as it can be written and read back, up to a dozen digits: 0.015, 2000, -95.
-pub(super) fn plain(value: f64) -> String {
+pub fn plain(value: f64) -> String {
     if !value.is_finite() {
         return "–".into();
     }
@@ -36,7 +36,7 @@ pub(super) fn plain(value: f64) -> String {
 }
 
 /// `value` with this many decimals.
-pub(super) fn decimal(value: f64, decimals: usize) -> String {
+pub fn decimal(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "–".into();
     }
@@ -49,12 +49,12 @@ pub(super) fn decimal(value: f64, decimals: usize) -> String {
 }
 
 /// `share` of 1 as a percentage.
-pub(super) fn percent(share: f64) -> String {
+pub fn percent(share: f64) -> String {
     format!("{} %", decimal(share * 100.0, 1))
 }
 
 /// Ten to the power of `exponent`.
-pub(super) fn power_of_ten(exponent: i32) -> String {
+pub fn power_of_ten(exponent: i32) -> String {
     match exponent {
         -3..=4 => plain(10f64.powi(exponent)),
         _ => format!("10{}", superscript(exponent)),
@@ -62,7 +62,7 @@ pub(super) fn power_of_ten(exponent: i32) -> String {
 }
 
 /// "1 slot", "2 slots".
-pub(super) fn count(number: usize, one: &str) -> String {
+pub fn count(number: usize, one: &str) -> String {
     match number {
         1 => format!("1 {one}"),
         _ => format!("{number} {one}s"),
@@ -70,7 +70,7 @@ pub(super) fn count(number: usize, one: &str) -> String {
 }
 
 /// The unit in which a power of this size reads well, and how many of it make a watt.
-pub(super) fn power_unit(size_w: f64) -> (&'static str, f64) {
+pub fn power_unit(size_w: f64) -> (&'static str, f64) {
     match size_w {
         size if size >= 1.0 => ("W", 1.0),
         size if size >= 1e-3 => ("mW", 1e3),
@@ -80,7 +80,7 @@ pub(super) fn power_unit(size_w: f64) -> (&'static str, f64) {
 }
 
 /// A unit as it is printed: scenario files are often ASCII.
-pub(super) fn unit(written: &str) -> &str {
+pub fn unit(written: &str) -> &str {
     match written {
         "degC" => "°C",
         "degF" => "°F",
@@ -91,7 +91,7 @@ pub(super) fn unit(written: &str) -> &str {
 }
 
 /// At most this many characters of somebody's words.
-pub(super) fn shortened(words: &str, characters: usize) -> String {
+pub fn shortened(words: &str, characters: usize) -> String {
     match words.char_indices().nth(characters) {
         Some(_) => words.chars().take(characters - 1).chain(['…']).collect(),
         None => words.into(),

@@ -1,6 +1,6 @@
 //! Colours: a table of named ones for light and dark, and viridis for rates.
 
-use super::markup::{Element, element};
+use crate::markup::{Element, element};
 
 /// Name, value on light, value on dark. Style sheets say `var(--name)`.
 const COLORS: [(&str, &str, &str); 12] = [
@@ -25,7 +25,7 @@ const COLORS: [(&str, &str, &str); 12] = [
 const FIGURE_STYLE: &str = include_str!("figure.css");
 
 /// Style sheet of a page: both colour schemes; paper is always light.
-pub(super) fn page_style() -> Element {
+pub fn page_style() -> Element {
     let scheme =
         |pick: fn(&(&str, &str, &str)) -> String| -> String { COLORS.iter().map(pick).collect() };
     let light = scheme(|(name, light, _)| format!("--{name}:{light};"));
@@ -39,7 +39,7 @@ pub(super) fn page_style() -> Element {
 
 /// Style sheet of a drawing that stands alone: light, its colours written out, since not every
 /// reader of SVG knows custom properties.
-pub(super) fn drawing_style() -> Element {
+pub fn drawing_style() -> Element {
     let mut style = FIGURE_STYLE.to_owned();
     for (name, light, _) in COLORS {
         style = style.replace(&format!("var(--{name})"), light);
@@ -64,13 +64,13 @@ const VIRIDIS: [[u8; 3]; 11] = [
 ];
 
 /// The colour of `share` in 0..=1; what is not finite counts as 0.
-pub(super) fn viridis(share: f64) -> String {
+pub fn viridis(share: f64) -> String {
     let [red, green, blue] = viridis_rgb(share);
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
 /// The nearest share in 0..=1; 0 for what is no number.
-pub(super) fn within_one(share: f64) -> f64 {
+pub fn within_one(share: f64) -> f64 {
     match share.is_nan() {
         true => 0.0,
         false => share.clamp(0.0, 1.0),

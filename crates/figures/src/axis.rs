@@ -1,24 +1,23 @@
 //! From values to places in a drawing: scales with readable ticks, and the panel that a figure
 //! over slots is drawn in.
 
-use super::{
+use crate::{
     markup::{Element, element, label, line, rectangle},
     quantity, theme,
 };
-use crate::record::FlightRecord;
 
 /// The width of every figure, in its own units: about a CSS pixel each on a desktop.
-pub(super) const WIDTH: f64 = 560.0;
+pub const WIDTH: f64 = 560.0;
 /// Where panels begin and end.
-pub(super) const LEFT: f64 = 66.0;
+pub const LEFT: f64 = 66.0;
 /// The right end.
-pub(super) const RIGHT: f64 = WIDTH - 18.0;
+pub const RIGHT: f64 = WIDTH - 18.0;
 /// Beyond this many slots, figures carry no hover areas, and the page no table of slots.
-pub(super) const DETAILED_SLOTS_MAX: usize = 2_000;
+pub const DETAILED_SLOTS_MAX: usize = 2_000;
 
 /// Values onto a line, linearly or by their logarithm.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Scale {
+pub struct Scale {
     low: f64,
     high: f64,
     from_px: f64,
@@ -28,14 +27,16 @@ pub(super) struct Scale {
 
 /// A mark on an axis.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Tick {
-    pub(super) value: f64,
-    pub(super) label: String,
+pub struct Tick {
+    /// Where it is on the axis.
+    pub value: f64,
+    /// What is written beside it.
+    pub label: String,
 }
 
 impl Scale {
     /// `low..high` onto `from_px..to_px`, linearly.
-    pub(super) fn linear([low, high]: [f64; 2], [from_px, to_px]: [f64; 2]) -> Self {
+    pub fn linear([low, high]: [f64; 2], [from_px, to_px]: [f64; 2]) -> Self {
         Self {
             low,
             high,
@@ -47,7 +48,7 @@ impl Scale {
 
     /// A scale that shows all values with some air: logarithmic where they are positive and
     /// span more than a factor of fifty, from 0 where that is near, else just around them.
-    pub(super) fn around(values: impl Iterator<Item = f64>, range_px: [f64; 2]) -> Self {
+    pub fn around(values: impl Iterator<Item = f64>, range_px: [f64; 2]) -> Self {
         let (low, high) = values
             .filter(|value| value.is_finite())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
@@ -72,12 +73,12 @@ impl Scale {
     }
 
     /// Whether equal steps are equal factors.
-    pub(super) fn is_logarithmic(&self) -> bool {
+    pub fn is_logarithmic(&self) -> bool {
         self.logarithmic
     }
 
     /// Where a value lies; what lies outside is drawn at the border.
-    pub(super) fn at(&self, value: f64) -> f64 {
+    pub fn at(&self, value: f64) -> f64 {
         let share = if self.logarithmic {
             (value / self.low).ln() / (self.high / self.low).ln()
         } else {
@@ -87,7 +88,7 @@ impl Scale {
     }
 
     /// About this many ticks at round values.
-    pub(super) fn ticks(&self, about: usize) -> Vec<Tick> {
+    pub fn ticks(&self, about: usize) -> Vec<Tick> {
         if self.logarithmic {
             return self.decades(about);
         }
@@ -127,7 +128,7 @@ impl Scale {
 }
 
 /// The next 1, 2 or 5 times a power of ten.
-pub(super) fn round_step(least: f64) -> f64 {
+pub fn round_step(least: f64) -> f64 {
     let decade = 10f64.powf(least.log10().floor());
     let multiple = match least / decade {
         ratio if ratio <= 1.0 + 1e-9 => 1.0,
@@ -140,53 +141,43 @@ pub(super) fn round_step(least: f64) -> f64 {
 
 /// The slots of a mission side by side between [`LEFT`] and [`RIGHT`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SlotAxis {
+pub struct SlotAxis {
     /// `N`, at least 1.
     slots: usize,
 }
 
 impl SlotAxis {
     /// For this many slots.
-    pub(super) fn new(slots: usize) -> Self {
+    pub fn new(slots: usize) -> Self {
         Self {
             slots: slots.max(1),
         }
     }
 
-    /// For all slots of a mission, those included that a flight broken off did not reach.
-    pub(super) fn of(record: &FlightRecord) -> Self {
-        Self::new(
-            record
-                .slots
-                .len()
-                .max(record.scenario.mission.slots() as usize),
-        )
-    }
-
     /// How wide a slot is.
-    pub(super) fn band(&self) -> f64 {
+    pub fn band(&self) -> f64 {
         (RIGHT - LEFT) / self.slots as f64
     }
 
     /// Where slot `n` begins.
-    pub(super) fn begin(&self, slot: u32) -> f64 {
+    pub fn begin(&self, slot: u32) -> f64 {
         LEFT + (f64::from(slot) - 1.0) * self.band()
     }
 
     /// The middle of slot `n`.
-    pub(super) fn middle(&self, slot: u32) -> f64 {
+    pub fn middle(&self, slot: u32) -> f64 {
         self.begin(slot) + self.band() / 2.0
     }
 
     /// Whether slot `n` begins a stretch that is wide enough for a mark: where slots are narrower
     /// than marks, not every slot can have one.
-    pub(super) fn begins_mark(&self, slot: u32) -> bool {
+    pub fn begins_mark(&self, slot: u32) -> bool {
         let stretch = (5.0 / self.band()).ceil().max(1.0) as u32;
         slot.saturating_sub(1).is_multiple_of(stretch)
     }
 
     /// Ticks, their numbers, and the word below them. `y` is where the panel ends.
-    pub(super) fn draw(&self, y: f64) -> Element {
+    pub fn draw(&self, y: f64) -> Element {
         let mut group = element("g");
         for slot in self.numbered() {
             let x = self.middle(slot);
@@ -209,7 +200,7 @@ impl SlotAxis {
     }
 
     /// What a pointer over a slot says: an invisible column per slot.
-    pub(super) fn hover(
+    pub fn hover(
         &self,
         [top, bottom]: [f64; 2],
         slots: impl Iterator<Item = (u32, String)>,
@@ -228,18 +219,18 @@ impl SlotAxis {
 
 /// A rectangle with a vertical axis.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Panel {
+pub struct Panel {
     /// Upper end.
-    pub(super) top: f64,
+    pub top: f64,
     /// Lower end.
-    pub(super) bottom: f64,
+    pub bottom: f64,
     /// The vertical axis, from `bottom` to `top`.
-    pub(super) scale: Scale,
+    pub scale: Scale,
 }
 
 impl Panel {
     /// Grid lines with their numbers, and the axis' title above the numbers, upright.
-    pub(super) fn draw(&self, title: &str) -> Element {
+    pub fn draw(&self, title: &str) -> Element {
         let mut group = element("g");
         let about = ((self.bottom - self.top) / 30.0).round().max(3.0);
         for tick in self.scale.ticks(about as usize) {
@@ -255,28 +246,29 @@ impl Panel {
     }
 
     /// The base line.
-    pub(super) fn base(&self) -> Element {
+    pub fn base(&self) -> Element {
         line("edge", [LEFT, self.bottom], [RIGHT, self.bottom])
     }
 
     /// A bound across the panel.
-    pub(super) fn bound(&self, value: f64) -> Element {
+    pub fn bound(&self, value: f64) -> Element {
         let y = self.scale.at(value);
         line("bound", [LEFT, y], [RIGHT, y])
     }
 }
 
 /// What a mark in a figure means.
-pub(super) struct Key {
+#[derive(Clone, Debug)]
+pub struct Key {
     /// The mark, drawn around the origin, about 18 wide.
-    pub(super) mark: Element,
+    pub mark: Element,
     /// Its meaning.
-    pub(super) words: String,
+    pub words: String,
 }
 
 /// A row of keys from `x`, centred on `y`; continues in further rows `18` apart. Gives the `y`
 /// of the last row.
-pub(super) fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
+pub fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
     let mut group = element("g");
     let [mut x, mut y] = [left, y];
     for key in keys {
@@ -302,12 +294,12 @@ pub(super) fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
 }
 
 /// About how wide words are: enough to keep labels apart.
-pub(super) fn text_width(words: &str, size: f64) -> f64 {
+pub fn text_width(words: &str, size: f64) -> f64 {
     words.chars().count() as f64 * size * 0.56
 }
 
 /// A figure: an accessible drawing `height` high.
-pub(super) fn figure(height: f64, title: &str, description: &str) -> Element {
+pub fn figure(height: f64, title: &str, description: &str) -> Element {
     element("svg")
         .set("xmlns", "http://www.w3.org/2000/svg")
         .set("viewBox", format!("0 0 {WIDTH} {height:.0}"))

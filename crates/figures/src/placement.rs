@@ -1,10 +1,10 @@
 //! Labels beside marks without covering marks or one another: greedy, eight places tried each.
 
-use super::axis::text_width;
+use crate::axis::text_width;
 
 /// What is taken already.
 #[derive(Clone, Debug)]
-pub(super) struct Placement {
+pub struct Placement {
     bounds: Box,
     taken: Vec<Box>,
 }
@@ -19,24 +19,29 @@ struct Box {
 
 /// Where a label goes: its base line's reference point, and the class that aligns it there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Spot {
-    pub(super) at: [f64; 2],
-    pub(super) align: Align,
+pub struct Spot {
+    /// The reference point.
+    pub at: [f64; 2],
+    /// Which end of the words is there.
+    pub align: Align,
     /// How much of what is there it covers, square units: 0 if there was room.
-    pub(super) covered: f64,
+    pub covered: f64,
 }
 
 /// Which end of the words is at the reference point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Align {
+pub enum Align {
+    /// The words begin there.
     Start,
+    /// The middle of the words is there.
     Middle,
+    /// The words end there.
     End,
 }
 
 impl Placement {
     /// Labels must stay within these corners.
-    pub(super) fn within([left, top]: [f64; 2], [right, bottom]: [f64; 2]) -> Self {
+    pub fn within([left, top]: [f64; 2], [right, bottom]: [f64; 2]) -> Self {
         Self {
             bounds: Box {
                 left,
@@ -49,21 +54,21 @@ impl Placement {
     }
 
     /// A mark that labels must not cover.
-    pub(super) fn take(&mut self, center: [f64; 2], radius: f64) {
+    pub fn take(&mut self, center: [f64; 2], radius: f64) {
         // A little air: words that touch the next mark seem to name it.
         let extent = radius + 2.0;
         self.taken.push(Box::around(center, [extent, extent]));
     }
 
     /// The best place for words of this size beside a mark, which is then taken.
-    pub(super) fn place(&mut self, mark: [f64; 2], radius: f64, words: &str, size: f64) -> Spot {
+    pub fn place(&mut self, mark: [f64; 2], radius: f64, words: &str, size: f64) -> Spot {
         let spot = self.best(mark, radius, words, size);
         self.taken.push(spot.covering(words, size));
         spot
     }
 
     /// As [`place`](Self::place), but only where there is room.
-    pub(super) fn place_if_free(
+    pub fn place_if_free(
         &mut self,
         mark: [f64; 2],
         radius: f64,
