@@ -5,7 +5,7 @@
 //! |---|---|
 //! | [`world`], [`nomographic`] | true channels, the signals themselves, what sensors measure |
 //! | [`flight`] | one mission, world to vehicle and back, in one loop |
-//! | [`session`], [`doctor`], [`upload`] | a client that talks to an autopilot and flies nothing |
+//! | [`session`], [`doctor`], [`upload`], [`watch`] | a client that talks to an autopilot and flies nothing |
 //! | [`serve`] | the built-in vehicle as a process of its own |
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`], [`report`] | what a flight leaves behind, and its pages |
@@ -30,4 +30,5 @@ pub mod report;
 pub mod serve;
 pub mod session;
 pub mod upload;
+pub mod watch;
 pub mod world;
