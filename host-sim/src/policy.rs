@@ -13,11 +13,11 @@ use firmware_core::{
     policy::{Action, FixedPosition, Observation, Policy, Provenance, StraightLine, mlp::Mlp},
 };
 
+use files::input;
 use planning::bound;
 use planning::planner::{self, HostPlanner, PlanProgress};
 use planning::search::SearchPolicy;
 use scenario::Scenario;
-use scenario::input;
 
 /// Who decides, as named.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

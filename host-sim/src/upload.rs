@@ -9,7 +9,7 @@ use firmware_core::autopilot::mission::{
     Ending, Left, MissionPlan, MissionUpload, PlanError, SPACE_PATIENCE, UploadError,
 };
 use firmware_core::autopilot::preflight::PreflightRefusal;
-use firmware_core::autopilot::{Autopilot, Event, Finding, Phase};
+use firmware_core::autopilot::{Autopilot, Event, Finding, Obstacle, Phase};
 use firmware_core::time::{Duration, Instant};
 use thiserror::Error;
 
@@ -135,6 +135,8 @@ fn take_events(
                 progress(Progress::Note(format!("{left}; set it by hand")));
                 continue;
             }
+            // The phases are those of a flight by setpoints, which this is not.
+            Event::Phase(_) | Event::Waiting(Obstacle::AlreadyArmed) => continue,
             _ if !is_notable(&event) => continue,
             _ => {}
         }

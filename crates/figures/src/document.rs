@@ -26,7 +26,7 @@ pub fn write_table(path: &Path, name: &str, text: &str) -> Result<(), String> {
     let named = |problem: String| format!("{}: {problem}", path.display());
     let document = fs::read_to_string(path).map_err(|error| named(error.to_string()))?;
     let document = with_table(&document, name, text).map_err(named)?;
-    fs::write(path, document).map_err(|error| named(error.to_string()))
+    files::output::write(path, document.as_bytes()).map_err(|error| named(error.to_string()))
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ use firmware_core::{
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use scenario::input::LONGEST_BYTES;
+use files::input::LONGEST_BYTES;
 
 use crate::conic;
 

@@ -7,7 +7,6 @@
 #![deny(missing_docs)]
 
 mod choice;
-pub mod input;
 mod random;
 mod rates;
 mod sensing;
@@ -18,6 +17,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use files::input;
 use firmware_core::{
     Mission, Position, SENSORS_MAX, USERS_MAX, Watt,
     autopilot::frames::Geodetic,

@@ -3,6 +3,7 @@
 use std::{path::Path, str::FromStr, sync::Arc};
 
 use clap::{Args, ValueEnum};
+use files::input;
 use firmware_core::console::{Decider, Footprint};
 use host_sim::{
     flight::board::{Image, Twin, order},
@@ -10,7 +11,6 @@ use host_sim::{
 };
 use link::HostPort;
 use scenario::Scenario;
-use scenario::input;
 use vehicle::Profile;
 
 use super::Failure;

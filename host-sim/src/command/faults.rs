@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use files::input;
 use firmware_core::console::Decider;
 use host_sim::{
     allocation::Allocation,
@@ -14,7 +15,6 @@ use host_sim::{
 };
 use link::HostPort;
 use scenario::ScenarioChoice;
-use scenario::input;
 use vehicle::{Profile, Vehicle};
 
 use super::Failure;

@@ -30,6 +30,7 @@ mod tests;
 use std::{fs, io, path::Path};
 
 use figures::{axis::SlotAxis, quantity};
+use files::output::{self, Draft};
 use firmware_core::inner::LimitedBy;
 
 use crate::record::{FlightRecord, SlotRecord, Summary};
@@ -58,9 +59,7 @@ pub fn prepare(folder: &Path) -> io::Result<()> {
         return Err(named(problem));
     }
     fs::create_dir_all(folder).map_err(named)?;
-    let probe = folder.join(partial(SUMMARY));
-    fs::write(&probe, "").map_err(named)?;
-    fs::remove_file(&probe).map_err(named)?;
+    output::probe(folder).map_err(named)?;
     for file in FILES {
         let path = folder.join(file);
         match fs::remove_file(&path) {
@@ -89,31 +88,17 @@ pub fn write(record: &FlightRecord, folder: &Path) -> io::Result<Summary> {
         ("report.html", html(record, &summary).into_bytes()),
         (SUMMARY, json),
     ];
-    let outcome = publish(folder, &files);
-    if outcome.is_err() {
-        for (file, _) in &files {
-            // Those that were not begun, or have their name already, are not there.
-            let _ = fs::remove_file(folder.join(partial(file)));
-        }
-    }
-    outcome.map(|()| summary)
-}
-
-fn publish(folder: &Path, files: &[(&str, Vec<u8>)]) -> io::Result<()> {
-    for (file, bytes) in files {
-        let path = folder.join(partial(file));
-        fs::write(&path, bytes).map_err(|error| name(&path, error))?;
-    }
-    for (file, _) in files {
+    let drafts = files.iter().map(|(file, bytes)| {
         let path = folder.join(file);
-        fs::rename(folder.join(partial(file)), &path).map_err(|error| name(&path, error))?;
+        Draft::write(&path, bytes).map_err(|error| name(&path, error))
+    });
+    // Complete before the first takes its name; those that do not take one are deleted.
+    let drafts = drafts.collect::<io::Result<Vec<_>>>()?;
+    for (draft, (file, _)) in drafts.into_iter().zip(&files) {
+        let named = |error| name(&folder.join(file), error);
+        draft.publish().map_err(named)?;
     }
-    Ok(())
-}
-
-/// What a file is called until it is whole.
-fn partial(file: &str) -> String {
-    format!(".{file}.partial")
+    Ok(summary)
 }
 
 /// The error with the path that it is about in front.

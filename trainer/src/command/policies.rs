@@ -7,6 +7,7 @@ use std::{
 
 use anyhow::{Context, Error, anyhow};
 use clap::Args;
+use files::input;
 use firmware_core::{
     USERS_MAX,
     policy::{
@@ -17,7 +18,6 @@ use firmware_core::{
 use host_sim::{allocation::Allocation, policy::foreign_mission};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use scenario::input;
 use scenario::{Scenario, ScenarioChoice};
 use serde::Serialize;
 use trainer::{

@@ -7,8 +7,8 @@ use std::{
 
 use anyhow::{Context, Error, anyhow, ensure};
 use clap::Args;
+use files::input;
 use host_sim::allocation::Allocation;
-use scenario::input;
 use scenario::{Scenario, ScenarioChoice};
 use trainer::{
     ddpg::Ddpg,

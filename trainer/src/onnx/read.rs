@@ -7,12 +7,12 @@
 use std::{collections::HashMap, path::Path};
 
 use anyhow::{Context, anyhow, bail, ensure};
+use files::input;
 use firmware_core::{
     USERS_MAX,
     policy::{Provenance, mlp::SELF_TEST_TOLERANCE},
 };
 use prost::Message;
-use scenario::input;
 
 use super::{
     FORMAT_VERSION,
