@@ -182,9 +182,9 @@ enum LineError {
     /// What is wrong with it.
     #[error(": {0}")]
     Input(String),
-    /// What is wrong at a column, from 1: it is no JSON there.
+    /// What is wrong at a column, from 1: it is no JSON there, or no [`Problem`].
     #[error(", column {column}: {problem}")]
-    Syntax { column: usize, problem: String },
+    Json { column: usize, problem: String },
     /// The answer could not be written.
     #[error(": {0}")]
     Output(io::Error),
@@ -209,13 +209,10 @@ impl Problem {
         }
         let mut json = serde_json::Deserializer::from_str(text);
         let problem: Self =
-            serde_path_to_error::deserialize(&mut json).map_err(|error| explain(text, &error))?;
-        json.end().map_err(|error| {
-            let rest = text.get(error.column().saturating_sub(1)..);
-            LineError::Input(format!(
-                "after the object comes {}, but a line holds one object",
-                quoted(rest.unwrap_or(text))
-            ))
+            serde_path_to_error::deserialize(&mut json).map_err(|error| explain(&error))?;
+        json.end().map_err(|error| LineError::Json {
+            column: error.column(),
+            problem: "trailing characters; a line holds one object".into(),
         })?;
         Ok(problem)
     }
@@ -365,138 +362,26 @@ impl Answer {
     }
 }
 
-/// What is wrong with a line that is JSON, but no [`Problem`].
-fn misfit(line: &Value) -> Option<String> {
-    let Value::Object(fields) = line else {
-        return Some(format!("the line is {line}, but must be {A_PROBLEM}"));
-    };
-    let no_number = |field: &str, value: &Value| {
-        let problem = format!("{field} is {value}, but must be a number");
-        (!value.is_number()).then_some(problem)
-    };
-    for field in FIELDS {
-        let problem = match (field, fields.get(field)) {
-            ("user_gain", None | Some(Value::Null)) => None,
-            (_, None) => Some(format!("the line has no {field}, but must be {A_PROBLEM}")),
-            ("sensor_gain", Some(Value::Array(gains))) => {
-                let gains = gains.iter().enumerate();
-                gains
-                    .filter_map(|(i, gain)| no_number(&format!("sensor_gain[{i}]"), gain))
-                    .next()
-            }
-            ("sensor_gain", Some(value)) => Some(format!(
-                "sensor_gain is {value}, but must be an array of numbers"
-            )),
-            (_, Some(value)) => no_number(field, value),
-        };
-        if problem.is_some() {
-            return problem;
-        }
-    }
-    None
-}
-
 /// What some editors put in front of a file.
 const BYTE_ORDER_MARK: char = '\u{feff}';
-const FIELDS: [&str; 6] = [
-    "sensor_gain",
-    "user_gain",
-    "sensor_power_max",
-    "user_power_max",
-    "noise_power",
-    "mse_threshold",
-];
 const A_PROBLEM: &str = "a JSON object with sensor_gain, user_gain, sensor_power_max, \
                          user_power_max, noise_power and mse_threshold";
 
-/// The beginning of a text, as it stands in the line.
-fn quoted(text: &str) -> String {
-    let mut shown: String = text.chars().take(SHOWN).collect();
-    if shown.len() < text.len() {
-        shown.push_str("..");
-    }
-    format!("`{shown}`")
-}
-
-/// Characters of a line that an error repeats.
-const SHOWN: usize = 24;
-
-/// What is wrong with a line that is no [`Problem`]: the field, what it holds, what would be right.
-fn explain(text: &str, error: &serde_path_to_error::Error<serde_json::Error>) -> LineError {
+/// What is wrong with a line that is no [`Problem`]: the field, and what serde_json says of it.
+fn explain(error: &serde_path_to_error::Error<serde_json::Error>) -> LineError {
     let cause = error.inner();
-    if cause.is_data()
-        && let Ok(line) = serde_json::from_str(text)
-    {
-        return LineError::Input(misfit(&line).unwrap_or_else(|| twice(cause)));
-    }
-    if !text.trim_start().starts_with('{') {
-        return LineError::Input(format!(
-            "the line is {}, but must be {A_PROBLEM}",
-            quoted(text)
-        ));
-    }
-    if cause.is_eof() {
-        return LineError::Input(format!("the line ends too early, but must be {A_PROBLEM}"));
-    }
-    let (column, word) = word_at(text, cause.column());
+    let words = cause.to_string();
+    // The number of the line is that of the input; a line of its own has but one.
+    let words = words.split(" at line ").next().unwrap_or(&words);
     let path = error.path().to_string();
     // The path ends in `?` where the name of a field was being read.
-    let field = (path != "." && !path.contains('?')).then_some(path);
-    let place = field
-        .as_ref()
-        .map_or(String::new(), |field| format!(" in {field}"));
-    let is_number = field
-        .as_ref()
-        .is_some_and(|field| FIELDS.contains(&field.split('[').next().unwrap_or_default()));
-    LineError::Syntax {
-        column,
-        problem: format!(
-            "{}{place} where {} must be",
-            quoted(word),
-            required(cause, is_number)
-        ),
-    }
-}
-
-/// What JSON, or a number's field, has in place of what the parser stumbled over.
-fn required(cause: &serde_json::Error, is_number: bool) -> String {
-    let words = cause.to_string();
-    let words = words.split(" at line ").next().unwrap_or(&words);
-    match words.strip_prefix("expected ") {
-        // A comma, a colon or a bracket.
-        Some(mark) if mark.starts_with('`') => mark.to_owned(),
-        _ if words == "key must be a string" => "a name in double quotes".into(),
-        _ if words == "number out of range" => "a JSON number below 1.8e308".into(),
-        _ if is_number => "a JSON number".into(),
-        _ => "a JSON value".into(),
-    }
-}
-
-/// The word that a column is in, and where it begins: what stands between marks and blanks.
-/// Columns count bytes from 1.
-fn word_at(text: &str, column: usize) -> (usize, &str) {
-    let is_end = |letter: char| ",:[]{} \t".contains(letter);
-    let at = text.floor_char_boundary(column.saturating_sub(1).min(text.len()));
-    let start = text[..at].rfind(is_end).map_or(0, |end| end + 1);
-    let word = |start: usize| {
-        let rest = &text[start..];
-        &rest[..rest.find(is_end).unwrap_or(rest.len())]
+    let problem = if path == "." || path.contains('?') {
+        format!("{words}; a line is {A_PROBLEM}")
+    } else {
+        format!("{path}: {words}")
     };
-    match (word(at), word(start)) {
-        // A mark itself.
-        ("", "") => (at + 1, &text[at..text.len().min(at + 1)]),
-        // The parser looked one further than the word.
-        (_, word) => (start + 1, word),
+    LineError::Json {
+        column: cause.column(),
+        problem,
     }
-}
-
-/// A field that is there twice: JSON lets the last one win, which is not what was meant.
-fn twice(cause: &serde_json::Error) -> String {
-    let words = cause.to_string();
-    let field = words
-        .strip_prefix("duplicate field `")
-        .and_then(|rest| rest.split('`').next());
-    field.map_or(format!("the line must be {A_PROBLEM}"), |field| {
-        format!("{field} is there twice, but must be once")
-    })
 }
