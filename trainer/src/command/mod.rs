@@ -7,7 +7,7 @@ mod train;
 use std::{path::Path, process::ExitCode};
 
 use anyhow::Context;
-use trainer::checkpoint::write_atomically;
+use trainer::atomic_file::write_atomically;
 
 pub(crate) use policies::{Convert, Evaluate, Export, Probe};
 pub(crate) use runs::{Compare, Curves, Publish};

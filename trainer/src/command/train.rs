@@ -7,6 +7,7 @@ use std::{
 
 use anyhow::{Context, Error, anyhow, ensure};
 use clap::Args;
+use environment::Constraints;
 use host_sim::{
     allocation::Allocation,
     input,
@@ -17,7 +18,7 @@ use trainer::{
     learner::Learner,
     run::{CHECKPOINT, POLICY, Run, has_run},
     sac::Sac,
-    settings::{Algorithm, Constraints, Preset, Settings},
+    settings::{Algorithm, Preset, Settings},
     training::Training,
 };
 

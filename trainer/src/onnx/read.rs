@@ -7,6 +7,7 @@
 use std::{collections::HashMap, path::Path};
 
 use anyhow::{Context, anyhow, bail, ensure};
+use environment::Normalizer;
 use firmware_core::{
     USERS_MAX,
     policy::{Provenance, mlp::SELF_TEST_TOLERANCE},
@@ -18,10 +19,7 @@ use super::{
     FORMAT_VERSION,
     proto::{FLOAT, INT64, ModelProto, NodeProto, TensorProto},
 };
-use crate::{
-    actor::{Actor, Dense},
-    env::Normalizer,
-};
+use crate::actor::{Actor, Dense};
 
 /// Reads a file.
 ///
@@ -477,7 +475,6 @@ mod tests {
         onnx::{proto::GraphProto, write},
         sac::Sac,
         settings::{Algorithm, Preset, Settings},
-        training::actor_of,
     };
     use host_sim::scenario::Scenario;
     use rand::SeedableRng;
@@ -487,10 +484,13 @@ mod tests {
     fn refused(spoil: impl Fn(&mut GraphProto)) -> String {
         let scenario = Scenario::shipped("separated").expect("shipped");
         let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
-        let environment = crate::env::Environment::new(scenario.mission.clone(), &settings);
+        let environment = environment::Environment::new(
+            scenario.mission.clone(),
+            &settings.environment_settings(),
+        );
         let mut rng = Pcg64Mcg::seed_from_u64(1);
         let sac = Sac::new(&settings, environment.dimensions(), &mut rng);
-        let bytes = write(&actor_of(&sac, &scenario, &settings, 0));
+        let bytes = write(&Actor::new(sac.deterministic(), &scenario, &settings, 0));
         let mut model = ModelProto::decode(&bytes[..]).expect("an ONNX file");
         spoil(model.graph.as_mut().expect("a graph"));
         let error = parse(&model.encode_to_vec()).expect_err("unsound");
