@@ -2,6 +2,8 @@
 //! conversion and evaluation use it.
 
 use environment::Normalizer;
+use std::ops::Range;
+
 use firmware_core::policy::{
     Provenance,
     mlp::{self, Header},
@@ -50,6 +52,20 @@ impl Dense {
                 }
             })
             .collect()
+    }
+
+    /// Returns the layer with only the given outputs.
+    ///
+    /// # Panics
+    /// If the range exceeds the outputs.
+    pub fn rows(&self, range: Range<usize>) -> Self {
+        let n = self.inputs;
+        Self {
+            inputs: n,
+            outputs: range.len(),
+            weights: self.weights[range.start * n..range.end * n].to_vec(),
+            bias: self.bias[range].to_vec(),
+        }
     }
 }
 

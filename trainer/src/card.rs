@@ -1,4 +1,4 @@
-//! Model cards: what a shipped policy is, how it was made, and its learning curve as SVG.
+//! Model cards: a description of a shipped policy and of its training, and its learning curve as SVG.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,8 @@ use crate::{
     metrics::{EVALUATION, Row},
 };
 
-/// The card in Markdown. `name` is the files' stem.
+/// Returns the model card in Markdown. `name` is the stem of the files' names, and `command` is the
+/// command that trained the policy.
 pub fn markdown(
     name: &str,
     command: &str,
@@ -18,7 +19,7 @@ pub fn markdown(
 ) -> String {
     let s = &progress.settings;
     let rate = best.flight.sum_rate;
-    let share = |other: f64| format!("{other:.3} (policy: {:.1} % of it)", 100.0 * rate / other);
+    let compared = |other: f64| format!("{other:.3} (policy: {:.1} % of it)", 100.0 * rate / other);
     let rows = [
         ("Scenario", progress.scenario.clone()),
         ("Scenario digest", format!("`{}`", progress.scenario_digest)),
@@ -37,9 +38,9 @@ pub fn markdown(
                 best.flight.path_m.len()
             ),
         ),
-        ("Straight line", share(references.straight_line)),
-        ("Search", share(references.search)),
-        ("No mission has more than", share(references.bound)),
+        ("Straight line", compared(references.straight_line)),
+        ("Search", compared(references.search)),
+        ("No mission has more than", compared(references.bound)),
         (
             "Constraints",
             format!(
@@ -69,17 +70,22 @@ pub fn markdown(
     card
 }
 
+/// Returns "yes" or "no".
 fn yes(is: bool) -> &'static str {
     if is { "yes" } else { "no" }
 }
 
+/// Width of the drawing, pixels.
 const WIDTH: f64 = 640.0;
+/// Height of the drawing, pixels.
 const HEIGHT: f64 = 320.0;
+/// Margin around the axes, pixels.
 const MARGIN: f64 = 48.0;
-/// Episodes over which a point of the curve averages.
+/// Number of episodes that a point of the curve averages over.
 const WINDOW: usize = 40;
 
-/// Sum rate over episodes: with exploration (mean of 40) and deterministic.
+/// Returns the learning curve as SVG: the sum rate over episodes, with exploration (means over 40
+/// episodes) and of the deterministic policy.
 pub fn learning_curve(rows: &[Row], references: &References) -> String {
     let explored: Vec<(f64, f64)> = rows
         .chunks(WINDOW)

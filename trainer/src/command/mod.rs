@@ -1,4 +1,4 @@
-//! The command line, a module per kind of subcommand: reads arguments, calls the library, prints.
+//! The subcommands. Each reads its arguments, calls the library and prints the result.
 
 mod policies;
 mod runs;
@@ -13,17 +13,17 @@ pub(crate) use policies::{Convert, Evaluate, Export, Probe};
 pub(crate) use runs::{Compare, Curves, Publish};
 pub(crate) use train::Train;
 
-/// Why a command did not succeed.
+/// The reason why a command failed.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// What was asked for cannot be: exit code 2.
+    /// Bad usage or bad input: exit code 2.
     BadInput(anyhow::Error),
-    /// It was tried and failed: exit code 1.
+    /// The command was executed and failed: exit code 1.
     Failed(anyhow::Error),
 }
 
 impl Failure {
-    /// Prints one line and gives the exit code.
+    /// Prints the error on one line and returns the exit code.
     pub(crate) fn report(self) -> ExitCode {
         let (problem, code) = match self {
             Self::BadInput(problem) => (problem, 2),
@@ -34,8 +34,10 @@ impl Failure {
     }
 }
 
+/// The result of a command.
 type Outcome = Result<(), Failure>;
 
+/// Writes a file atomically.
 fn write(path: &Path, bytes: &[u8]) -> Outcome {
     let written = write_atomically(path, bytes).with_context(|| path.display().to_string());
     written.map_err(Failure::Failed)

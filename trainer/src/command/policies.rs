@@ -1,4 +1,4 @@
-//! `trainer export|convert|evaluate|probe`: one policy at a time.
+//! `trainer export|convert|evaluate|probe`: the commands for one policy.
 
 use std::{
     io::{BufWriter, Write, stdout},
@@ -33,12 +33,12 @@ use super::{Failure, Outcome, write};
 
 #[derive(Debug, Args)]
 pub(crate) struct Export {
-    /// A run's checkpoint.bin
+    /// The checkpoint.bin of a run
     checkpoint: PathBuf,
-    /// The file to write
+    /// The ONNX file to write
     #[arg(long, value_name = "FILE")]
     onnx: PathBuf,
-    /// The latest policy instead of the best
+    /// Write the latest policy instead of the best one
     #[arg(long)]
     latest: bool,
 }
@@ -54,9 +54,9 @@ impl Export {
 
 #[derive(Debug, Args)]
 pub(crate) struct Convert {
-    /// The policy to read
+    /// The ONNX file to read
     onnx: PathBuf,
-    /// The file to write
+    /// The .policy file to write
     policy: PathBuf,
 }
 
@@ -64,7 +64,7 @@ impl Convert {
     pub(crate) fn execute(self) -> Outcome {
         let actor = onnx::read::read(&self.onnx).map_err(Failure::BadInput)?;
         let file = actor.to_policy_file().map_err(Failure::BadInput)?;
-        // What will be refused on board is not written.
+        // A file that the vehicle would reject is not written.
         Mlp::load(&file[..]).map_err(|error| Failure::BadInput(error.into()))?;
         write(&self.policy, &file)
     }
@@ -76,11 +76,11 @@ pub(crate) struct Evaluate {
     policy: PathBuf,
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// How powers are chosen: exact, alternating, fixed-user-power[:WATTS] or
+    /// How the powers of a slot are chosen: exact, alternating, fixed-user-power[:WATTS] or
     /// fixed-sensor-power[:WATTS]
     #[arg(long, default_value_t)]
     inner: Allocation,
-    /// Print JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
 }
@@ -137,10 +137,10 @@ impl Evaluate {
 pub(crate) struct Probe {
     /// A .onnx file
     onnx: PathBuf,
-    /// How many observations
+    /// Number of observations
     #[arg(long, default_value_t = 10_000)]
     count: usize,
-    /// Where random numbers start
+    /// Seed of the random observations
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
