@@ -269,3 +269,73 @@ fn exported_and_converted_policies_fly_alike() {
     assert_eq!(policy.provenance(), &actor.provenance);
     assert_eq!(actor.provenance.algorithm, "sac");
 }
+
+/// `--seeds` trains one run per seed, each the same as a run with that `--seed`.
+#[test]
+fn a_range_of_seeds_trains_a_run_for_each() {
+    let home = tempfile::tempdir().expect("temporary");
+    let (range, single) = (home.path().join("range"), home.path().join("single"));
+    let printed = succeed(train(&range, &["--episodes", "4", "--seeds", "2..4"]));
+    assert_eq!(printed.lines().count(), 3, "{printed}");
+    let mut written: Vec<String> = fs::read_dir(&range)
+        .expect("readable")
+        .map(|entry| {
+            let name = entry.expect("readable").file_name();
+            name.into_string().expect("text")
+        })
+        .collect();
+    written.sort();
+    assert_eq!(written, ["seed-2", "seed-3", "seed-4"]);
+    succeed(train(&single, &["--episodes", "4", "--seed", "3"]));
+    assert!(results(&range.join("seed-3")) == results(&single));
+    assert!(results(&range.join("seed-3")) != results(&range.join("seed-4")));
+    // Nothing is trained if one of the runs exists.
+    let overlapping = train(&range, &["--episodes", "4", "--seeds", "1..2"]).output();
+    let overlapping = overlapping.expect("runs");
+    assert_eq!(overlapping.status.code(), Some(2));
+    assert!(!range.join("seed-1").exists());
+}
+
+/// A failed run does not keep the following seeds from being trained, and the exit code reports it.
+#[test]
+fn every_seed_is_trained_although_one_fails() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    let arguments = [
+        "--episodes",
+        "24",
+        "--learning-rate",
+        "1e6",
+        "--seeds",
+        "1..2",
+    ];
+    let output = train(&directory, &arguments).output().expect("runs");
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("seed 1: episode ") && errors.contains("; seed 2: episode "));
+    assert!(directory.join("seed-2/diverged.json").exists());
+}
+
+#[test]
+fn a_bad_range_of_seeds_is_refused() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    let cases: [(&[&str], &str); 6] = [
+        (&["--seeds", "3"], "FIRST..LAST, for example 1..3"),
+        (
+            &["--seeds", "3..1"],
+            "the first seed, 3, is above the last, 1",
+        ),
+        (&["--seeds", "1..x"], "\"x\" is not a seed"),
+        (&["--seeds=-1..2"], "\"-1\" is not a seed"),
+        (&["--seeds", "1..1001000"], "more than 1000 seeds"),
+        (&["--seeds", "1..2", "--seed", "1"], "cannot be used with"),
+    ];
+    for (arguments, expected) in cases {
+        let output = train(&directory, arguments).output().expect("runs");
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+        assert!(!directory.exists());
+    }
+}
