@@ -11,7 +11,7 @@ use crate::nn::padded;
 /// One step of one environment.
 #[derive(Clone, Copy, Debug)]
 pub struct Transition<'a> {
-    /// `s_n`, normalised.
+    /// `s_n`, normalized.
     pub observation: &'a [f32],
     /// The components of the action, in `[-1, 1]`, before the shield, which is part of the
     /// environment.
@@ -20,7 +20,7 @@ pub struct Transition<'a> {
     pub user: u8,
     /// `r(s_n, a_n)`.
     pub reward: f32,
-    /// `s_{n+1}`, normalised.
+    /// `s_{n+1}`, normalized.
     pub next_observation: &'a [f32],
     /// Whether this was slot `N`, after which the episode ends.
     pub last: bool,

@@ -12,6 +12,30 @@
 //! | `settings` | [`EnvironmentSettings`]: reward weights, constraint handling, power allocation |
 //! | `outcome` | [`Step`], [`Reward`], [`StepResult`], [`Episode`]: what the environment reports |
 //! | `relaxation` | [`ValueToGo`]: the value function of the relaxed mission, for reward shaping |
+//!
+//! # Example
+//!
+//! One episode with the same action in every slot:
+//!
+//! ```
+//! use environment::{Action, Environment, EnvironmentSettings};
+//! use host_sim::scenario::Scenario;
+//!
+//! let scenario = Scenario::shipped("separated").expect("a shipped scenario");
+//! let mut environment = Environment::new(scenario.mission, &EnvironmentSettings::default());
+//! let mut observation = vec![0.0; environment.dimensions().observation];
+//! environment.reset();
+//! loop {
+//!     environment.observe(&mut observation);
+//!     // The lowest admissible user is served; half of the largest displacement, north-east.
+//!     let user = environment.admissible().trailing_zeros() as usize;
+//!     let components = vec![0.5, 0.5];
+//!     if environment.step(&Action { components, user }).last {
+//!         break;
+//!     }
+//! }
+//! assert!(environment.episode().arrived && environment.episode().fair);
+//! ```
 
 #![deny(missing_docs)]
 

@@ -234,8 +234,8 @@ impl<T: Scalar> Environment<T> {
             return true;
         }
         let left = self.mission.slots() - self.state.slots_done;
-        let home_m = (self.state.position - self.mission.parameters().destination).norm();
-        let slack_m = self.mission.reach_m() * T::count(left as usize + 1) - home_m;
+        let distance_m = (self.state.position - self.mission.parameters().destination).norm();
+        let slack_m = self.mission.reach_m() * T::count(left as usize + 1) - distance_m;
         slack_m > self.mission.reach_m() * T::of(FORCED_SLACK)
     }
 
@@ -323,8 +323,8 @@ impl<T: Scalar> Environment<T> {
             }
             Constraints::Penalty => {
                 let p = self.mission.parameters();
-                // A distance home that no place of the area exceeds, so that only area and speed
-                // restrict the flight: the paper's boundary projection.
+                // No place of the area is farther from the destination than this, so only area and
+                // speed restrict the flight: the paper's boundary projection.
                 let anywhere = p.area.east_m + p.area.north_m;
                 let reach = self.mission.reach_m();
                 ReachableSet::new(p.area, self.state.position, reach, p.destination, anywhere)

@@ -45,8 +45,7 @@ impl Policy<f64, USERS_MAX> for Replayed {
     }
 }
 
-/// The environment that trains is the environment that flies: same waypoints, rates and MSE
-/// as the controller, bit for bit.
+/// Waypoints, rates and MSE equal those of the controller, bit for bit.
 #[test]
 fn random_episodes_equal_the_controllers_flights() {
     for name in ["separated", "mixed"] {
@@ -112,9 +111,9 @@ fn the_reward_is_the_papers() {
     }
 }
 
-/// Prices move rewards between slots and add up to nothing over a fair mission.
+/// Prices change the rewards of slots and sum to zero over a fair mission.
 #[test]
-fn prices_leave_the_return_of_a_fair_mission_as_it_is() {
+fn prices_do_not_change_the_return_of_a_fair_mission() {
     let mission = mission("mixed");
     let prices: Vec<f64> = (0..15).map(|user| 0.1 * f64::from(user) - 0.3).collect();
     let settings = settings(Constraints::Shielded);
@@ -137,9 +136,9 @@ fn prices_leave_the_return_of_a_fair_mission_as_it_is() {
     assert!(plain.fair && (plain.reward - priced.reward).abs() < 1e-9);
 }
 
-/// Shaping moves rewards between slots: over any mission it adds up to the same.
+/// Shaping changes the rewards of slots, but shifts the returns of all missions by the same amount.
 #[test]
-fn shaping_shifts_the_return_of_every_mission_alike() {
+fn shaping_shifts_every_return_by_the_same_amount() {
     let settings = settings(Constraints::Shielded);
     let plain = Environment::new(mission("mixed"), &settings);
     let values = Arc::new(plain.value_to_go());
@@ -163,9 +162,9 @@ fn shaping_shifts_the_return_of_every_mission_alike() {
     }
 }
 
-/// What is foreseen for a user is what comes when it is served, and nothing is flown.
+/// Peeking at a step does not change the state and returns the result of the step itself.
 #[test]
-fn what_is_foreseen_comes_true() {
+fn peek_step_predicts_the_step() {
     let mut rng = Pcg64Mcg::seed_from_u64(3);
     let settings = settings(Constraints::Shielded);
     let mut environment = Environment::new(mission("separated"), &settings);
@@ -186,7 +185,8 @@ fn what_is_foreseen_comes_true() {
     }
 }
 
-/// On the way home at full speed, and only there, the displacement is no action.
+/// The entropy mask is false exactly where the shield leaves only the flight to the destination at
+/// full speed.
 #[test]
 fn there_is_no_choice_once_the_way_home_takes_every_slot() {
     let settings = EnvironmentSettings {
@@ -208,7 +208,7 @@ fn there_is_no_choice_once_the_way_home_takes_every_slot() {
             branch.position()
         });
         if !entropy_mask {
-            // Whatever is asked for, it goes the same way.
+            // Opposite displacements lead to the same place.
             assert!((places[0] - places[1]).norm() < 15.0, "slot {slot}");
             forced += 1;
         } else if (from - mission.parameters().start).norm() < 1.0 && slot < 10 {
@@ -222,9 +222,9 @@ fn there_is_no_choice_once_the_way_home_takes_every_slot() {
     assert!((20..50).contains(&forced), "{forced}");
 }
 
-/// In the penalty form nothing but area and speed is enforced, and it shows in the reward.
+/// The penalty form enforces only area and speed; the reward accounts for the other constraints.
 #[test]
-fn the_penalty_form_lets_constraints_be_broken_and_charges_for_it() {
+fn the_penalty_form_permits_violations_and_penalizes_them() {
     let mission = mission("separated");
     let mut environment = Environment::new(mission, &settings(Constraints::Penalty));
     let action = Action {
@@ -241,14 +241,14 @@ fn the_penalty_form_lets_constraints_be_broken_and_charges_for_it() {
             break;
         }
     }
-    // 4 slots are user 3's, and everybody else's 56 can then no longer be met.
+    // User 3 is entitled to 4 slots; in the other 56 slots serving it is unfair.
     assert_eq!(unpaid, 56);
     assert!(!environment.episode().arrived && !environment.episode().fair);
     assert_eq!(environment.position(), Position::new(0.0, 0.0));
 }
 
 #[test]
-fn observations_are_normalised_to_the_unit_cube() {
+fn observations_are_normalized_to_the_unit_cube() {
     let mission = mission("mixed");
     let mut rng = Pcg64Mcg::seed_from_u64(9);
     let mut environment = Environment::new(mission, &settings(Constraints::Shielded));
@@ -287,15 +287,15 @@ fn what_is_bilinear_is_interpolated_exactly() {
         let error = nodes.interpolate(&values, &place) - bilinear(&place);
         assert!(error.abs() < 2e-3, "{x} {y}: {error}");
     }
-    // Outside it is as at the border.
+    // The value outside the area is the value at its border.
     let [outside, border] = [Position::new(-5.0, 600.0), Position::new(0.0, 500.0)];
     let [a, b] = [outside, border].map(|place| nodes.interpolate(&values, &place));
     assert_eq!(a, b);
 }
 
-/// Who goes wherever the values are best gets what they promise.
+/// A vehicle that always flies to the largest value achieves the value at the start.
 #[test]
-fn the_values_come_true() {
+fn greedy_flight_achieves_the_value() {
     let mut environment = environment();
     let values = environment.value_to_go();
     let start = environment.position();
@@ -321,7 +321,7 @@ fn the_values_come_true() {
             components: vec![unit.x as f32, unit.y as f32],
             user: slot as usize % 15,
         });
-        // In the last slots the shield decides; until then it has nothing to object to.
+        // The shield changes the displacement only in the last slots.
         let flown = environment.position() - from;
         if slot < slots - 1 {
             assert!(
@@ -335,9 +335,12 @@ fn the_values_come_true() {
         }
     }
     assert!(environment.episode().arrived);
-    let promised = values.at(0, &start);
-    assert!((worth / promised - 1.0).abs() < 0.02, "{worth} {promised}");
+    let predicted = values.at(0, &start);
+    assert!(
+        (worth / predicted - 1.0).abs() < 0.02,
+        "{worth} {predicted}"
+    );
     assert_eq!(values.at(slots, &start), 0.0);
-    // Too far from the destination for the slots that are left.
+    // The start is too far from the destination for the slots that are left.
     assert!(values.at(slots - 5, &start) < values.at(slots - 5, &environment.position()) - 10.0);
 }

@@ -29,7 +29,7 @@ use trainer::{
     onnx,
 };
 
-use super::{Failure, Outcome, write};
+use super::outcome::{Failure, Outcome, write};
 
 #[derive(Debug, Args)]
 pub(crate) struct Export {

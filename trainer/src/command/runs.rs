@@ -13,7 +13,7 @@ use trainer::{
     run::Run,
 };
 
-use super::{Failure, Outcome, write};
+use super::outcome::{Failure, Outcome, write};
 
 #[derive(Debug, Args)]
 pub(crate) struct Publish {

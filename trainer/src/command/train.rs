@@ -23,7 +23,7 @@ use trainer::{
     training::Training,
 };
 
-use super::{Failure, Outcome};
+use super::outcome::{Failure, Outcome};
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {
