@@ -14,9 +14,9 @@ use firmware_core::autopilot::{Autopilot, Event, Finding, Phase, advice};
 use firmware_core::policy::Policy;
 use firmware_core::time::Duration;
 
-use crate::allocation::Allocation;
 use crate::flight::{self, CONNECT_PATIENCE, FlightSettings, Pace, Peer, ProfileChoice};
 use crate::session::Session;
+use environment::Allocation;
 use scenario::Scenario;
 use vehicle::{Profile, Vehicle, VehicleSettings};
 

@@ -16,7 +16,6 @@
 //! own: `scenario`, `planning`, `vehicle`, `link`, `reference`, and the kit of
 //! figures and pages: `figures`.
 
-pub mod allocation;
 pub mod benchmark;
 pub mod doctor;
 pub mod experiment;

@@ -104,19 +104,6 @@ fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
     cfg!(feature = "onnx").then_some((name, file))
 }
 
-/// What to say of a policy that was trained for another mission than this one.
-pub fn foreign_mission(provenance: &Provenance, scenario: &Scenario) -> Option<String> {
-    let trained_for = provenance.scenario_digest.as_str();
-    (trained_for != scenario.digest()).then(|| {
-        format!(
-            "trained for another mission (digest {:.12}, this one has {:.12}): --policy plan may do \
-             better",
-            trained_for,
-            scenario.digest()
-        )
-    })
-}
-
 /// A policy of any kind, ready to decide.
 #[derive(Debug)]
 pub enum HostPolicy {
@@ -198,7 +185,7 @@ impl HostPolicy {
     /// What to say of a policy that was trained for another mission; `None` where it was trained for
     /// this one, or not trained at all.
     pub fn foreign_mission(&self, scenario: &Scenario) -> Option<String> {
-        foreign_mission(self.provenance()?, scenario)
+        scenario.foreign_policy(self.provenance()?)
     }
 
     fn from_file(path: &Path, file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {

@@ -2,9 +2,9 @@
 //! lets a twentieth be overtaken: 1,000 seeded flights in simulated time, and 100 with each other
 //! vehicle. None ends in a wrong state.
 
+use environment::Allocation;
 use firmware_core::{policy::StraightLine, time::Duration};
 use host_sim::{
-    allocation::Allocation,
     flight::{FlightSettings, Pace, Peer, fly, vehicle_settings},
     record::{FlightRecord, Summary},
 };

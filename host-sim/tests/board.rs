@@ -1,8 +1,8 @@
 //! A mission with the board's computer, in single precision and stepped from outside as QEMU's is.
 
+use environment::Allocation;
 use firmware_core::console::Decider;
 use host_sim::{
-    allocation::Allocation,
     flight::{
         self, FlightSettings, Pace, Peer,
         board::{Twin, fly, order},

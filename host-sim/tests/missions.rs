@@ -1,12 +1,12 @@
 //! Whole missions in simulated time, through encoded bytes on both links.
 
+use environment::Allocation;
 use firmware_core::{
     Displacement, Position, USERS_MAX,
     policy::{Action, Observation, Policy, StraightLine},
     time::Duration,
 };
 use host_sim::{
-    allocation::Allocation,
     flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
     record::{FlightEvent, FlightRecord},
 };

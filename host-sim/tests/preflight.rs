@@ -3,6 +3,7 @@
 
 mod flight;
 
+use environment::Allocation;
 use firmware_core::Position;
 use firmware_core::autopilot::preflight::PreflightRefusal;
 use firmware_core::autopilot::wire::Address;
@@ -10,7 +11,6 @@ use firmware_core::autopilot::{Geofence, OwnAddress, Phase, Settings};
 use firmware_core::policy::StraightLine;
 use firmware_core::time::Duration;
 use flight::{Flight, ready, settings, vehicle};
-use host_sim::allocation::Allocation;
 use host_sim::doctor;
 use host_sim::flight::{
     FlightError, FlightSettings, Pace, Peer, ProfileChoice, autopilot_settings, fly,

@@ -6,12 +6,12 @@ use std::{
     time::Duration as WallDuration,
 };
 
+use environment::Allocation;
 use firmware_core::{
     policy::StraightLine,
     time::{Duration, Instant},
 };
 use host_sim::{
-    allocation::Allocation,
     flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
     journal::{FILE_NAME, ParameterJournal},
     record::{FlightEvent, FlightRecord},

@@ -1,19 +1,20 @@
-//! What learning costs, one thread: `cargo bench -p trainer --bench learning [-- WHAT [STEPS]]`.
+//! Speed of learning on one thread: `cargo bench -p trainer --bench learning [-- WHAT [STEPS]]`.
 //!
 //! `sac` and `ddpg` are whole gradient steps (sampling, targets, critics, policy, temperatures,
 //! target networks) at Table I's sizes: 19 states, 15 users, (128, 128), batch 64. `environment`
-//! is slots at J = 36, M = 15 with a random choice. Prints how many a second, `WHAT NUMBER` a
-//! line; with WHAT only that and from one round of STEPS, so that a script can take turns.
+//! is slots at J = 36, M = 15 with random actions. Prints one line `WHAT NUMBER` with the number per
+//! second for each. With WHAT it measures only that one, in one round of STEPS, so that a script can
+//! alternate between programs.
 
 use std::{hint::black_box, time::Instant};
 
+use environment::{Action, Environment};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use scenario::Scenario;
 use trainer::{
     ddpg::Ddpg,
-    env::Environment,
-    learner::{Choice, Learner},
+    learner::Learner,
     replay::{Replay, Transition},
     sac::Sac,
     settings::{Algorithm, Preset, Settings},
@@ -21,33 +22,33 @@ use trainer::{
 
 fn environment(settings: &Settings) -> Environment<f64> {
     let scenario = Scenario::shipped("separated").expect("shipped");
-    Environment::new(scenario.mission, settings)
+    Environment::new(scenario.mission, &settings.environment_settings())
 }
 
-/// A memory of 200 episodes at random.
+/// Returns a replay memory with 200 random episodes.
 fn memory<L: Learner>(environment: &mut Environment<f64>, rng: &mut Pcg64Mcg) -> Replay {
     let sizes = environment.dimensions();
     let mut replay = Replay::new(12_000, sizes.observation, L::action_len(sizes.users));
-    let mut choice = Choice::default();
+    let mut action = Action::default();
     let (mut now, mut next) = (vec![0.0; sizes.observation], vec![0.0; sizes.observation]);
     for _ in 0..200 {
         environment.reset();
         environment.observe(&mut now);
         loop {
             let admissible = environment.admissible();
-            L::choose_at_random(sizes.users, admissible, rng, &mut choice);
-            let step = environment.step(&choice);
+            L::randomize(sizes.users, admissible, rng, &mut action);
+            let step = environment.step(&action);
             environment.observe(&mut next);
             replay.push(Transition {
                 observation: &now,
-                action: &choice.action,
-                user: choice.user as u8,
+                action: &action.components,
+                user: action.user as u8,
                 reward: step.reward.total as f32,
                 next_observation: &next,
                 last: step.last,
                 admissible,
                 next_admissible: environment.admissible(),
-                choice: [true; 2],
+                entropy_mask: [true; 2],
             });
             std::mem::swap(&mut now, &mut next);
             if step.last {
@@ -58,7 +59,7 @@ fn memory<L: Learner>(environment: &mut Environment<f64>, rng: &mut Pcg64Mcg) ->
     replay
 }
 
-/// So many a second, from a round of `steps` after a warm-up of a tenth.
+/// Measures steps per second over one round of `steps`, after a warm-up of a tenth of them.
 fn rate(steps: u32, mut step: impl FnMut()) -> f64 {
     (0..steps / 10).for_each(|_| step());
     let start = Instant::now();
@@ -66,7 +67,7 @@ fn rate(steps: u32, mut step: impl FnMut()) -> f64 {
     f64::from(steps) / start.elapsed().as_secs_f64()
 }
 
-/// Gradient steps.
+/// Returns a gradient step to be measured.
 fn learning<L: Learner + 'static>() -> Step {
     let settings = Settings::preset(Preset::Paper, L::ALGORITHM, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
@@ -76,28 +77,28 @@ fn learning<L: Learner + 'static>() -> Step {
     Box::new(move || learner.learn(black_box(&replay), &mut rng))
 }
 
-/// Slots of episodes at random.
+/// Returns a slot with a random action to be measured.
 fn flying() -> Step {
     let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut environment = environment(&settings);
     let users = environment.dimensions().users;
-    let mut choice = Choice::default();
+    let mut action = Action::default();
     Box::new(move || {
-        Sac::choose_at_random(users, environment.admissible(), &mut rng, &mut choice);
-        if environment.step(black_box(&choice)).last {
+        Sac::randomize(users, environment.admissible(), &mut rng, &mut action);
+        if environment.step(black_box(&action)).last {
             environment.reset();
         }
     })
 }
 
-/// One step of a contender, to be repeated.
+/// One step of a measured program.
 type Step = Box<dyn FnMut()>;
 
-/// A name, the steps of a round, and how it starts.
-type Contender = (&'static str, u32, fn() -> Step);
+/// A name, the number of steps in a round, and the constructor of its step.
+type Measured = (&'static str, u32, fn() -> Step);
 
-/// Median of an odd number of rounds.
+/// Number of rounds, of which the median is printed.
 const ROUNDS: usize = 7;
 
 fn main() {
@@ -105,12 +106,12 @@ fn main() {
     let mut arguments = std::env::args().skip(1).filter(|a| !a.starts_with('-'));
     let only = arguments.next();
     let steps: Option<u32> = arguments.next().map(|text| text.parse().expect("STEPS"));
-    let contenders: [Contender; 3] = [
+    let measured: [Measured; 3] = [
         ("sac", 1_000, learning::<Sac>),
         ("ddpg", 1_000, learning::<Ddpg>),
         ("environment", 100_000, flying),
     ];
-    for (name, usual, make) in contenders {
+    for (name, usual, make) in measured {
         if only.as_deref().is_some_and(|only| only != name) {
             continue;
         }

@@ -1,7 +1,7 @@
-//! What a decision costs on the host: `cargo bench -p trainer --features onnx --bench plan`.
+//! Time of a decision on the host: `cargo bench -p trainer --features onnx --bench plan`.
 //!
-//! The shipped policy through tract and through the allocator-free MLP, and tract's worst of
-//! 100,000 decisions.
+//! Measures the shipped policy in tract and in the allocator-free MLP, and the slowest of 100,000
+//! decisions in tract.
 
 use std::{hint::black_box, time::Instant};
 

@@ -1,5 +1,8 @@
-//! A trained policy's deterministic part, apart from the learning that made it: what export,
-//! conversion and evaluation work on.
+//! The deterministic policy that training produces, independent of the learning algorithm. Export,
+//! conversion and evaluation use it.
+
+use environment::Normalizer;
+use std::ops::Range;
 
 use firmware_core::policy::{
     Provenance,
@@ -7,25 +10,26 @@ use firmware_core::policy::{
 };
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
+use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 
-use crate::{env::Normalizer, nn::Mlp};
+use crate::{nn::Mlp, settings::Settings};
 
-/// A dense layer as plain matrices.
+/// A dense layer as plain matrices, without padding.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dense {
-    /// Features in.
+    /// Number of input features.
     pub inputs: usize,
-    /// Features out.
+    /// Number of output features.
     pub outputs: usize,
-    /// Row by row, a row per output.
+    /// The weights, one row per output.
     pub weights: Vec<f32>,
-    /// One per output.
+    /// The biases, one per output.
     pub bias: Vec<f32>,
 }
 
 impl Dense {
-    /// The layers of a network; of the last one only the given rows.
+    /// Returns the layers of a network, and of the last layer only the given rows.
     pub fn of_network(network: &Mlp, last_rows: impl Iterator<Item = usize> + Clone) -> Vec<Self> {
         let last = network.layers().len() - 1;
         (0..=last)
@@ -49,41 +53,83 @@ impl Dense {
             })
             .collect()
     }
+
+    /// Returns the layer with only the given outputs.
+    ///
+    /// # Panics
+    /// If the range exceeds the outputs.
+    pub fn rows(&self, range: Range<usize>) -> Self {
+        let n = self.inputs;
+        Self {
+            inputs: n,
+            outputs: range.len(),
+            weights: self.weights[range.start * n..range.end * n].to_vec(),
+            bias: self.bias[range].to_vec(),
+        }
+    }
 }
 
-/// Raw observation in, metres and scores out:
+/// A deterministic policy from raw observations to a displacement in metres and user scores:
 /// `[u_x, u_y, scores..] = layers((observation - offset) * scale)`, displacement `reach tanh(u)`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Actor {
-    /// What it was trained for and by what.
+    /// The mission that it was trained for, and how.
     pub provenance: Provenance,
-    /// What makes raw observations fit the network.
+    /// The normalization of raw observations.
     pub normalizer: Normalizer,
-    /// ReLU between them; the last gives `u` and the scores.
+    /// The layers, with ReLU between them; the last one returns `u` and the scores.
     pub layers: Vec<Dense>,
     /// `V_max delta`, metres.
     pub reach_m: f32,
 }
 
-/// An observation and what it must give.
+/// An observation and the outputs expected for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TestVector {
-    /// `M + 4` numbers in raw units.
+    /// The observation, `M + 4` numbers in raw units.
     pub observation: Vec<f32>,
-    /// Metres.
+    /// The displacement, metres.
     pub displacement: Vec<f32>,
-    /// One per user.
+    /// The scores, one per user.
     pub user_scores: Vec<f32>,
 }
 
 impl Actor {
-    /// `M`.
+    /// Returns the actor with these layers for a run's scenario and settings, after a number of
+    /// episodes.
+    pub fn new(
+        layers: Vec<Dense>,
+        scenario: &Scenario,
+        settings: &Settings,
+        episodes: u32,
+    ) -> Self {
+        let mission = &scenario.mission;
+        let p = mission.parameters();
+        Self {
+            provenance: Provenance {
+                users: mission.user_count() as u32,
+                max_speed_mps: p.max_speed_mps as f32,
+                slot_duration_s: p.slot_duration_s as f32,
+                area_m: [p.area.east_m as f32, p.area.north_m as f32],
+                algorithm: truncated(settings.algorithm.name()),
+                scenario: truncated(&scenario.name),
+                scenario_digest: truncated(&scenario.digest()),
+                episodes,
+                seed: settings.seed,
+            },
+            normalizer: Normalizer::of_mission(mission),
+            layers,
+            reach_m: mission.reach_m() as f32,
+        }
+    }
+
+    /// Returns the number of users, `M`.
     pub fn users(&self) -> usize {
         self.provenance.users as usize
     }
 
-    /// Displacement (metres), then scores, in double precision: what every runtime of the policy
-    /// is compared with.
+    /// Returns displacement (metres) and scores, computed in double precision. Every runtime of the
+    /// policy is compared with this.
     pub fn evaluate(&self, observation: &[f32]) -> Vec<f64> {
         let raw = observation.iter().zip(&self.normalizer.offset);
         let mut x: Vec<f64> = raw
@@ -110,7 +156,8 @@ impl Actor {
         x
     }
 
-    /// An observation drawn from (a little more than) what a mission can show, raw units.
+    /// Returns a random observation in raw units, from a range slightly larger than that of a
+    /// mission.
     pub fn random_observation(&self, rng: &mut Pcg64Mcg) -> Vec<f32> {
         let pairs = self.normalizer.offset.iter().zip(&self.normalizer.scale);
         pairs
@@ -118,14 +165,15 @@ impl Actor {
             .collect()
     }
 
-    /// A state in the middle of a mission, hardly two features alike, and what it gives.
+    /// Returns an observation from the middle of the range, in which most features differ, and its
+    /// outputs.
     pub fn test_vector(&self) -> TestVector {
         let pairs = self.normalizer.offset.iter().zip(&self.normalizer.scale);
         let observation: Vec<f32> = pairs
             .enumerate()
             .map(|(i, (offset, scale))| {
-                let normalised = ((i * 7 + 3) % 19) as f32 / 10.0 - 0.9;
-                offset + normalised / scale
+                let normalized = ((i * 7 + 3) % 19) as f32 / 10.0 - 0.9;
+                offset + normalized / scale
             })
             .collect();
         let outputs: Vec<f32> = self
@@ -140,10 +188,10 @@ impl Actor {
         }
     }
 
-    /// The bytes of a `.policy` file.
+    /// Returns the bytes of a `.policy` file.
     ///
     /// # Errors
-    /// Layers that firmware-core does not hold.
+    /// Fails if the network exceeds the limits of `firmware-core`.
     pub fn to_policy_file(&self) -> anyhow::Result<Vec<u8>> {
         let sizes = std::iter::once(self.normalizer.offset.len())
             .chain(self.layers.iter().map(|layer| layer.outputs))
@@ -167,10 +215,21 @@ impl Actor {
             )
             .chain([&test.observation, &test.displacement, &test.user_scores]);
         let numbers: Vec<f32> = parts.flatten().copied().collect();
-        // The header's strings are bounded: 1 kB holds it.
+        // The strings in the header are bounded, so 1 kB suffices.
         let mut file = vec![0; 4 * numbers.len() + 1024];
         let length = mlp::write(&header, numbers.into_iter(), &mut file)?;
         file.truncate(length);
         Ok(file)
     }
+}
+
+/// Returns the beginning of a text, as far as it fits.
+fn truncated<const N: usize>(text: &str) -> heapless::String<N> {
+    let mut truncated = heapless::String::new();
+    for c in text.chars() {
+        if truncated.push(c).is_err() {
+            break;
+        }
+    }
+    truncated
 }

@@ -1,6 +1,8 @@
-//! Model cards: what a shipped policy is, how it was made, and its learning curve as SVG.
+//! Model cards: a description of a shipped policy and of its training, and its learning curve as SVG.
 
 use std::fmt::Write as _;
+
+use figures::markup::element;
 
 use crate::{
     checkpoint::{Evaluated, Progress},
@@ -8,7 +10,8 @@ use crate::{
     metrics::{EVALUATION, Row},
 };
 
-/// The card in Markdown. `name` is the files' stem.
+/// Returns the model card in Markdown. `name` is the stem of the files' names, and `command` is the
+/// command that trained the policy.
 pub fn markdown(
     name: &str,
     command: &str,
@@ -18,7 +21,7 @@ pub fn markdown(
 ) -> String {
     let s = &progress.settings;
     let rate = best.flight.sum_rate;
-    let share = |other: f64| format!("{other:.3} (policy: {:.1} % of it)", 100.0 * rate / other);
+    let compared = |other: f64| format!("{other:.3} (policy: {:.1} % of it)", 100.0 * rate / other);
     let rows = [
         ("Scenario", progress.scenario.clone()),
         ("Scenario digest", format!("`{}`", progress.scenario_digest)),
@@ -37,9 +40,9 @@ pub fn markdown(
                 best.flight.path_m.len()
             ),
         ),
-        ("Straight line", share(references.straight_line)),
-        ("Search", share(references.search)),
-        ("No mission has more than", share(references.bound)),
+        ("Straight line", compared(references.straight_line)),
+        ("Search", compared(references.search)),
+        ("No mission has more than", compared(references.bound)),
         (
             "Constraints",
             format!(
@@ -69,17 +72,22 @@ pub fn markdown(
     card
 }
 
+/// Returns "yes" or "no".
 fn yes(is: bool) -> &'static str {
     if is { "yes" } else { "no" }
 }
 
+/// Width of the drawing, pixels.
 const WIDTH: f64 = 640.0;
+/// Height of the drawing, pixels.
 const HEIGHT: f64 = 320.0;
+/// Margin around the axes, pixels.
 const MARGIN: f64 = 48.0;
-/// Episodes over which a point of the curve averages.
+/// Number of episodes that a point of the curve averages over.
 const WINDOW: usize = 40;
 
-/// Sum rate over episodes: with exploration (mean of 40) and deterministic.
+/// Returns the learning curve as SVG: the sum rate over episodes, with exploration (means over 40
+/// episodes) and of the deterministic policy.
 pub fn learning_curve(rows: &[Row], references: &References) -> String {
     let explored: Vec<(f64, f64)> = rows
         .chunks(WINDOW)
@@ -107,53 +115,67 @@ pub fn learning_curve(rows: &[Row], references: &References) -> String {
     let (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
     let x = |episode: f64| MARGIN + episode / last * (WIDTH - 2.0 * MARGIN);
     let y = |rate: f64| HEIGHT - MARGIN - (rate - low) / (high - low) * (HEIGHT - 2.0 * MARGIN);
-    let line = |points: &[(f64, f64)], style: &str| {
+    let line = |points: &[(f64, f64)], color: &'static str| {
         let points: Vec<String> = points
             .iter()
             .map(|point| format!("{:.1},{:.1}", x(point.0), y(point.1)))
             .collect();
-        format!(
-            "<polyline fill='none' {style} points='{}'/>\n",
-            points.join(" ")
+        element("polyline")
+            .set("fill", "none")
+            .set("stroke", color)
+            .set("points", points.join(" "))
+    };
+    let text = |x: f64, y: f64, anchor: &'static str, words: String| {
+        element("text")
+            .set("x", format!("{x:.0}"))
+            .set("y", format!("{y:.0}"))
+            .set("text-anchor", anchor)
+            .text(words)
+    };
+    let level = |rate: f64, dashes: &'static str| {
+        line(&[(0.0, rate), (last, rate)], "#888").set("stroke-dasharray", dashes)
+    };
+    let name = |rate: f64, words: &str| text(x(last), y(rate) - 4.0, "end", words.into());
+    let (straight_line, search) = (references.straight_line, references.search);
+    let svg = element("svg")
+        .set("xmlns", "http://www.w3.org/2000/svg")
+        .set("viewBox", format!("0 0 {WIDTH} {HEIGHT}"))
+        .set("font-family", "sans-serif")
+        .set("font-size", "12")
+        .with(
+            element("rect")
+                .set("width", WIDTH.to_string())
+                .set("height", HEIGHT.to_string())
+                .set("fill", "white"),
         )
-    };
-    let text = |x: f64, y: f64, anchor: &str, text: &str| {
-        format!("<text x='{x:.0}' y='{y:.0}' text-anchor='{anchor}'>{text}</text>\n")
-    };
-    let mut svg = format!(
-        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {WIDTH} {HEIGHT}' \
-         font-family='sans-serif' font-size='12'>\n\
-         <rect width='{WIDTH}' height='{HEIGHT}' fill='white'/>\n"
-    );
-    let frame = [(0.0, high), (0.0, low), (last, low)];
-    svg += &line(&frame, "stroke='black'");
-    for rate in [low, high] {
-        svg += &text(MARGIN - 6.0, y(rate) + 4.0, "end", &format!("{rate}"));
-    }
-    svg += &text(x(last), HEIGHT - MARGIN + 16.0, "end", &format!("{last}"));
-    svg += &text(WIDTH / 2.0, HEIGHT - 12.0, "middle", "episode");
-    svg += &text(MARGIN, MARGIN - 24.0, "start", "total rate, bit/s/Hz");
-    let level = |rate: f64| [(0.0, rate), (last, rate)];
-    svg += &line(
-        &level(references.straight_line),
-        "stroke='#888' stroke-dasharray='2 4'",
-    );
-    svg += &text(
-        x(last),
-        y(references.straight_line) - 4.0,
-        "end",
-        "straight line",
-    );
-    let search = references.search;
-    svg += &line(&level(search), "stroke='#888' stroke-dasharray='6 4'");
-    svg += &text(x(last), y(search) - 4.0, "end", "search");
-    svg += &line(&explored, "stroke='#9ab' stroke-width='1.5'");
-    svg += &line(&evaluated, "stroke='#c40' stroke-width='1.2'");
-    svg += &text(
-        x(last),
-        HEIGHT - MARGIN - 24.0,
-        "end",
-        "blue: exploring; red: deterministic",
-    );
-    svg + "</svg>\n"
+        .with(line(&[(0.0, high), (0.0, low), (last, low)], "black"))
+        .with_all(
+            [low, high].map(|rate| text(MARGIN - 6.0, y(rate) + 4.0, "end", rate.to_string())),
+        )
+        .with(text(
+            x(last),
+            HEIGHT - MARGIN + 16.0,
+            "end",
+            last.to_string(),
+        ))
+        .with(text(WIDTH / 2.0, HEIGHT - 12.0, "middle", "episode".into()))
+        .with(text(
+            MARGIN,
+            MARGIN - 24.0,
+            "start",
+            "total rate, bit/s/Hz".into(),
+        ))
+        .with(level(straight_line, "2 4"))
+        .with(name(straight_line, "straight line"))
+        .with(level(search, "6 4"))
+        .with(name(search, "search"))
+        .with(line(&explored, "#9ab").set("stroke-width", "1.5"))
+        .with(line(&evaluated, "#c40").set("stroke-width", "1.2"))
+        .with(text(
+            x(last),
+            HEIGHT - MARGIN - 24.0,
+            "end",
+            "blue: exploring; red: deterministic".into(),
+        ));
+    svg.to_string()
 }

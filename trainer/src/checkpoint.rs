@@ -1,14 +1,11 @@
-//! Checkpoints: everything that a run's future depends on, in one file that is either whole or
-//! not there.
+//! Checkpoints: everything that the continuation of a run depends on, in one file that is written
+//! atomically.
 //!
-//! `UAVC`, version (u16), CRC-32 of the rest (u32), postcard. Taken between episodes, so that
-//! the environments need not be in it.
+//! The file consists of `UAVC`, the version (u16), the CRC-32 of the rest (u32), and the data in
+//! postcard format. Checkpoints are taken between episodes, so they do not contain the state of the
+//! environments.
 
-use std::{
-    fs::{self, File},
-    io::{self, Write},
-    path::{Path, PathBuf},
-};
+use std::{fs, path::Path};
 
 use anyhow::{Context, bail, ensure};
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -27,76 +24,57 @@ const MAGIC: [u8; 4] = *b"UAVC";
 const VERSION: u16 = 3;
 const CHECKSUM: Crc<u32, crc::Table<16>> = Crc::<u32, crc::Table<16>>::new(&CRC_32_ISO_HDLC);
 
-/// A policy that was evaluated.
+/// A policy together with its evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluated {
-    /// After how many episodes.
+    /// The number of episodes after which it was evaluated.
     pub episode: u32,
     /// The policy.
     pub actor: Actor,
-    /// What it came to.
+    /// The evaluation flight.
     pub flight: Flight,
 }
 
-/// What a checkpoint says about itself before the learner's own state.
+/// The part of a checkpoint that does not depend on the learner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Of the run.
+    /// The settings of the run.
     pub settings: Settings,
-    /// The prices of fairness, bit/s/Hz; empty where the settings ask for none.
+    /// The fairness prices, bit/s/Hz; empty if the settings do not enable them.
     pub prices: Vec<f64>,
     /// The scenario's name.
     pub scenario: String,
     /// The digest of its mission.
     pub scenario_digest: String,
-    /// Episodes done.
+    /// Number of episodes completed.
     pub episode: u32,
-    /// Slots done.
+    /// Number of slots completed.
     pub global_step: u64,
     /// The latest policy.
     pub latest: Actor,
-    /// The best so far.
+    /// The best policy so far.
     pub best: Option<Evaluated>,
-    /// All that was logged.
+    /// The metrics of all episodes.
     pub rows: Vec<Row>,
-    /// Where random numbers go on.
+    /// The random number generator.
     pub rng: Pcg64Mcg,
 }
 
 /// A run between two episodes.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Checkpoint<S> {
-    /// What can be read without knowing the learner.
+    /// The part that can be read without knowing the learner.
     pub progress: Progress,
-    /// The learner.
+    /// The state of the learner.
     pub learner: S,
-    /// The memory.
+    /// The replay memory.
     pub replay: Replay,
 }
 
-/// Writes a file so that a reader, or a crash, sees the old one or the new one.
+/// Writes a checkpoint, which replaces the previous one.
 ///
 /// # Errors
-/// Of the file system.
-pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".partial");
-    let partial: PathBuf = path.with_file_name(name);
-    let mut file = File::create(&partial)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    fs::rename(&partial, path)?;
-    if let Some(directory) = path.parent().filter(|d| !d.as_os_str().is_empty()) {
-        // The rename itself has to reach the disk; not every file system lets one ask.
-        let _ = File::open(directory).and_then(|directory| directory.sync_all());
-    }
-    Ok(())
-}
-
-/// Writes a checkpoint in place of the previous one.
-///
-/// # Errors
-/// Of the file system.
+/// Returns the file system's error with the file's name.
 pub fn write<S: Serialize>(
     path: &Path,
     progress: &Progress,
@@ -111,14 +89,14 @@ pub fn write<S: Serialize>(
     let mut bytes = postcard::to_extend(&(progress, learner, replay), bytes)?;
     let checksum = CHECKSUM.checksum(&bytes[10..]);
     bytes[6..10].copy_from_slice(&checksum.to_le_bytes());
-    write_atomically(path, &bytes).with_context(|| path.display().to_string())
+    files::output::write(path, &bytes).with_context(|| path.display().to_string())
 }
 
 impl<S: DeserializeOwned> Checkpoint<S> {
-    /// Reads one.
+    /// Reads a checkpoint.
     ///
     /// # Errors
-    /// A file that is none, is damaged, or is of another version or algorithm.
+    /// Fails if the file is not a checkpoint, is damaged, or has another version or algorithm.
     pub fn read(path: &Path, algorithm: Algorithm) -> anyhow::Result<Self> {
         let bytes = read_checked(path)?;
         let progress = peek(&bytes).with_context(|| path.display().to_string())?;
@@ -142,20 +120,22 @@ impl<S: DeserializeOwned> Checkpoint<S> {
     }
 }
 
-/// Reads a checkpoint's [`Progress`] whatever the learner.
+/// Reads the [`Progress`] of a checkpoint of any learner.
 ///
 /// # Errors
-/// As [`Checkpoint::read`].
+/// Fails if the file is not a checkpoint, is damaged, or has another version.
 pub fn read_progress(path: &Path) -> anyhow::Result<Progress> {
     let bytes = read_checked(path)?;
     peek(&bytes).with_context(|| path.display().to_string())
 }
 
+/// Decodes the [`Progress`] at the start of the data.
 fn peek(bytes: &[u8]) -> anyhow::Result<Progress> {
     let (progress, _) = postcard::take_from_bytes(&bytes[10..])?;
     Ok(progress)
 }
 
+/// Reads a file and checks its magic number, version and checksum.
 fn read_checked(path: &Path) -> anyhow::Result<Vec<u8>> {
     let name = path.display();
     let bytes = fs::read(path).with_context(|| name.to_string())?;

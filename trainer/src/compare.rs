@@ -1,11 +1,11 @@
-//! Trained policies beside what they are to be measured by: the fair straight line, the search's
-//! feasible mission, and the bound that no mission exceeds.
+//! Comparison of trained policies with the fair straight line, with the search's feasible mission, and
+//! with the upper bound of all missions.
 
 use std::{fmt::Write as _, path::Path};
 
 use anyhow::{Context, bail, ensure};
+use environment::Allocation;
 use firmware_core::policy::{StraightLine, mlp::Mlp};
-use host_sim::allocation::Allocation;
 use planning::bound;
 use scenario::{HostMission, Scenario};
 
@@ -15,22 +15,23 @@ use crate::{
     settings::{Algorithm, Preset, Settings},
 };
 
-/// What a policy on a mission is compared with, bit/s/Hz over the mission.
+/// The values that policies on a mission are compared with, bit/s/Hz summed over the slots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct References {
-    /// The straight line with the nearest admissible user.
+    /// Total rate of the straight line that serves the nearest admissible user.
     pub straight_line: f64,
-    /// The search's feasible mission: `lower` of `host-sim bound`.
+    /// Total rate of the search's feasible mission: `lower` of `host-sim bound`.
     pub search: f64,
-    /// No mission has more: `upper` of `host-sim bound`.
+    /// Upper bound on the total rate of every mission: `upper` of `host-sim bound`.
     pub bound: f64,
 }
 
 impl References {
-    /// Flies, searches and certifies: about a second for a shipped mission.
+    /// Flies the straight line and computes search and bound, which takes about a second for a shipped
+    /// mission.
     ///
     /// # Errors
-    /// A mission that cannot be bounded.
+    /// Fails if the mission cannot be bounded.
     pub fn of(mission: &HostMission) -> anyhow::Result<Self> {
         let bound = bound::certify(mission, &bound::Settings::default(), |_| ())?;
         Ok(Self {
@@ -41,11 +42,11 @@ impl References {
     }
 }
 
-/// Learners (rows) on missions (columns).
+/// A table of learners (rows) on missions (columns).
 #[derive(Debug)]
 pub struct Comparison {
     missions: Vec<Mission>,
-    learners: Vec<Contender>,
+    learners: Vec<LearnerRow>,
 }
 
 #[derive(Debug)]
@@ -56,10 +57,10 @@ struct Mission {
 }
 
 #[derive(Debug)]
-struct Contender {
+struct LearnerRow {
     label: String,
     algorithm: Algorithm,
-    /// By mission, the total rates of its seeds.
+    /// For every mission, the total rates of all seeds.
     rates: Vec<Vec<f64>>,
 }
 
@@ -67,7 +68,7 @@ impl Comparison {
     /// Flies the best policy of every run.
     ///
     /// # Errors
-    /// A directory that is no run, a policy that breaks a constraint.
+    /// Fails if a directory does not contain a run or if its best policy violates a constraint.
     pub fn of(directories: &[impl AsRef<Path>]) -> anyhow::Result<Self> {
         let mut comparison = Self {
             missions: Vec::new(),
@@ -97,7 +98,7 @@ impl Comparison {
         let label = label(settings)?;
         let known = self.learners.iter().position(|row| row.label == label);
         let row = known.unwrap_or_else(|| {
-            self.learners.push(Contender {
+            self.learners.push(LearnerRow {
                 label,
                 algorithm: settings.algorithm,
                 rates: Vec::new(),
@@ -123,7 +124,8 @@ impl Comparison {
         Ok(self.missions.len() - 1)
     }
 
-    /// The table: total rates, their share of the search's, the best learner of a column in bold.
+    /// Returns the table in Markdown: total rates and their percentage of the search's, with the best
+    /// learner of a column in bold.
     pub fn markdown(&self) -> String {
         let mut table = String::from("| scenario, Gamma");
         for mission in &self.missions {
@@ -136,12 +138,12 @@ impl Comparison {
             let cells: Vec<String> = cells.map(|(i, mission)| cell(i, mission)).collect();
             let _ = writeln!(table, "| {label} | {} |", cells.join(" | "));
         };
-        let share = |rate: f64, mission: &Mission| {
-            let share = 100.0 * rate / mission.references.search;
-            format!("{rate:.2} ({share:.1} %)")
+        let of_search = |rate: f64, mission: &Mission| {
+            let percent = 100.0 * rate / mission.references.search;
+            format!("{rate:.2} ({percent:.1} %)")
         };
         row("fair straight line", &|_, mission| {
-            share(mission.references.straight_line, mission)
+            of_search(mission.references.straight_line, mission)
         });
         for learner in &self.learners {
             row(&learner.label, &|i, mission| match learner.mean(i) {
@@ -150,7 +152,11 @@ impl Comparison {
                     let others = self.learners.iter().filter_map(|other| other.mean(i));
                     let best = others.fold(f64::NEG_INFINITY, f64::max);
                     let mark = if mean == best { "**" } else { "" };
-                    format!("{mark}{}{mark}{}", share(mean, mission), learner.seeds(i))
+                    format!(
+                        "{mark}{}{mark}{}",
+                        of_search(mean, mission),
+                        learner.seeds(i)
+                    )
                 }
             });
         }
@@ -163,11 +169,11 @@ impl Comparison {
         table
     }
 
-    /// On every mission each kind of SAC is above the straight line, and one of them at or above
-    /// every DDPG.
+    /// Checks that on every mission each SAC row is above the straight line and at least one of them
+    /// is not below any DDPG row.
     ///
     /// # Errors
-    /// The first mission on which it is not.
+    /// Names the first mission on which this does not hold.
     pub fn check(&self) -> anyhow::Result<()> {
         for (i, mission) in self.missions.iter().enumerate() {
             let of = |algorithm| {
@@ -197,13 +203,13 @@ impl Comparison {
     }
 }
 
-impl Contender {
+impl LearnerRow {
     fn mean(&self, mission: usize) -> Option<f64> {
         let rates = self.rates.get(mission).filter(|rates| !rates.is_empty())?;
         Some(rates.iter().sum::<f64>() / rates.len() as f64)
     }
 
-    /// Where there are several: from the worst to the best.
+    /// Returns the range of rates over the seeds, or an empty text for a single seed.
     fn seeds(&self, mission: usize) -> String {
         let rates = &self.rates[mission];
         if rates.len() < 2 {
@@ -215,7 +221,8 @@ impl Contender {
     }
 }
 
-/// Name and threshold, and what else is not as in the shipped scenario of that name.
+/// Returns the scenario's name and threshold, and its other differences from the shipped scenario of
+/// that name.
 fn mission_label(scenario: &Scenario) -> String {
     let p = scenario.mission.parameters();
     let mut label = format!("{} {:.3}", scenario.name, p.mse_threshold);
@@ -232,16 +239,17 @@ fn mission_label(scenario: &Scenario) -> String {
     label
 }
 
-/// Settings whose effect is only on what is kept and when.
-const BESIDE_LEARNING: [&str; 4] = ["algorithm", "seed", "evaluate_every", "checkpoint_every"];
+/// Settings that a label does not mention: they do not affect what is learned, or it names them
+/// otherwise.
+const UNLABELLED: [&str; 4] = ["algorithm", "seed", "evaluate_every", "checkpoint_every"];
 const LEARNING_RATES: [&str; 3] = [
     "policy_learning_rate",
     "critic_learning_rate",
     "temperature_learning_rate",
 ];
 
-/// The algorithm and a preset, Table I unless said, and what is not as there: the preset from
-/// which the least differs.
+/// Returns a label with the algorithm, the preset with the fewest differences (Table I is not
+/// mentioned), and these differences.
 fn label(settings: &Settings) -> anyhow::Result<String> {
     let name = settings.algorithm.name().to_uppercase();
     let mut shortest: Option<(String, Vec<(String, String)>)> = None;
@@ -261,14 +269,14 @@ fn label(settings: &Settings) -> anyhow::Result<String> {
     }))
 }
 
-/// What of the settings differs from a preset, and how it reads.
+/// Returns the names and values of the settings that differ from a preset.
 fn changes(settings: &Settings, preset: &Settings) -> anyhow::Result<Vec<(String, String)>> {
     let (own, preset) = (
         toml::Table::try_from(settings)?,
         toml::Table::try_from(preset)?,
     );
     let changed = own.iter().filter(|(key, value)| {
-        !BESIDE_LEARNING.contains(&key.as_str()) && preset.get(*key) != Some(value)
+        !UNLABELLED.contains(&key.as_str()) && preset.get(*key) != Some(value)
     });
     let mut changed: Vec<(String, String)> = changed
         .map(|(key, value)| (key.clone(), shown(value)))
@@ -285,7 +293,7 @@ fn changes(settings: &Settings, preset: &Settings) -> anyhow::Result<Vec<(String
     Ok(changed)
 }
 
-/// A number with the digits that its single precision has.
+/// Formats a value, and a number with the digits of single precision.
 fn shown(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(number) => (*number as f32).to_string(),
@@ -324,7 +332,7 @@ mod tests {
     }
 
     fn comparison(sac: &[f64], ddpg: f64) -> Comparison {
-        let contender = |label: &str, algorithm, rates: &[f64]| Contender {
+        let row = |label: &str, algorithm, rates: &[f64]| LearnerRow {
             label: label.into(),
             algorithm,
             rates: vec![rates.to_vec()],
@@ -340,8 +348,8 @@ mod tests {
                 },
             }],
             learners: vec![
-                contender("SAC", Algorithm::Sac, sac),
-                contender("DDPG", Algorithm::Ddpg, &[ddpg]),
+                row("SAC", Algorithm::Sac, sac),
+                row("DDPG", Algorithm::Ddpg, &[ddpg]),
             ],
         }
     }

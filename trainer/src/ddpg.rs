@@ -1,9 +1,9 @@
-//! Deep deterministic policy gradient: the paper's comparison (Sec. VI).
+//! Deep deterministic policy gradient, which the paper compares SAC with (Sec. VI).
 //!
-//! The actor answers with the paper's (M + 2)-dimensional action, all of it deterministic and
-//! continuous: a displacement and a score per user, each squashed by `tanh`; the admissible user
-//! with the highest score is served. Networks, environment, memory and batch are those of
-//! [`crate::sac`]:
+//! The actor returns the paper's (M + 2)-dimensional action, which is deterministic and
+//! continuous: a displacement and one score per user, each squashed by `tanh`. The admissible user
+//! with the highest score is served. Network sizes, environment, replay memory and batch are those
+//! of [`crate::sac`]:
 //!
 //! ```text
 //! a_n   = clip( mu(s_n) + noise, -1, 1 ),   noise ~ N(0, sigma^2)
@@ -16,15 +16,17 @@ use pulp::Arch;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
+use environment::{Action, Dimensions, UserSet};
+
 use crate::{
     actor::Dense,
-    learner::{Choice, Dimensions, Learner, Losses, States, fill_normal},
-    nn::{Adam, Mlp, Trace, padded, tanh},
+    learner::{Learner, Losses, States, fill_normal},
+    nn::{Activations, Adam, Mlp, padded, tanh},
     replay::{Batch, Replay},
     settings::{Algorithm, Settings},
 };
 
-/// The two networks, their targets and optimisers.
+/// Everything that is learned: the two networks, their target networks and optimizers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     actor: Mlp,
@@ -35,7 +37,7 @@ pub struct State {
     critic_adam: Adam,
 }
 
-/// Deep deterministic policy gradient: the networks, and room to work in.
+/// Deep deterministic policy gradient: the learned state and the work buffers.
 #[derive(Debug)]
 pub struct Ddpg {
     state: State,
@@ -43,11 +45,11 @@ pub struct Ddpg {
     dimensions: Dimensions,
     arch: Arch,
     batch: Batch,
-    actor: Trace,
-    critic: Trace,
+    actor: Activations,
+    critic: Activations,
     target: Vec<f32>,
     gradient: Vec<f32>,
-    acting: Trace,
+    acting: Activations,
     noise: Vec<f32>,
     losses: [(&'static str, f32); 3],
 }
@@ -82,11 +84,11 @@ impl Learner for Ddpg {
             dimensions,
             arch: Arch::new(),
             batch: Batch::new(n, dimensions.observation, action),
-            actor: Trace::new(&state.actor, n),
-            critic: Trace::new(&state.critic, n),
+            actor: state.actor.activations(n),
+            critic: state.critic.activations(n),
             target: vec![0.0; padded(n)],
             gradient: vec![0.0; parameters[0].max(parameters[1])],
-            acting: Trace::new(&state.actor, settings.environments),
+            acting: state.actor.activations(settings.environments),
             noise: vec![0.0; action * padded(settings.environments)],
             losses: [("", 0.0); 3],
             state,
@@ -101,29 +103,25 @@ impl Learner for Ddpg {
         2 + users
     }
 
-    fn explore(&mut self, states: &States, rng: &mut Pcg64Mcg, choices: &mut [Choice]) {
+    fn explore(&mut self, states: &States, rng: &mut Pcg64Mcg, actions: &mut [Action]) {
         self.acting.input_mut().copy_from_slice(&states.observation);
         self.state.actor.forward(self.arch, &mut self.acting);
         fill_normal(rng, &mut self.noise);
-        for (s, choice) in choices.iter_mut().enumerate() {
+        for (s, action) in actions.iter_mut().enumerate() {
             let outputs = self.acting.output().iter().zip(&self.noise);
             let column = outputs.skip(s).step_by(states.width);
             let noisy = |(&u, &noise): (&f32, &f32)| {
                 (tanh(u) + self.settings.exploration_noise * noise).clamp(-1.0, 1.0)
             };
-            choice.action.clear();
-            choice.action.extend(column.map(noisy));
-            choice.user = best_admissible(&choice.action[2..], states.admissible[s]);
+            action.components.clear();
+            action.components.extend(column.map(noisy));
+            action.user = best_admissible(&action.components[2..], states.admissible[s]);
         }
     }
 
-    fn choose_at_random(users: usize, admissible: u64, rng: &mut Pcg64Mcg, choice: &mut Choice) {
-        use rand::RngExt;
-        choice.action.clear();
-        choice
-            .action
-            .extend((0..Self::action_len(users)).map(|_| rng.random_range(-1.0_f32..1.0)));
-        choice.user = best_admissible(&choice.action[2..], admissible);
+    fn randomize(users: usize, admissible: UserSet, rng: &mut Pcg64Mcg, action: &mut Action) {
+        action.randomize_components(Self::action_len(users), rng);
+        action.user = best_admissible(&action.components[2..], admissible);
     }
 
     fn learn(&mut self, replay: &Replay, rng: &mut Pcg64Mcg) {
@@ -131,10 +129,10 @@ impl Learner for Ddpg {
         self.evaluate_bellman_target();
         let critic_loss = self.update_critic();
         let actor_loss = self.update_actor();
-        let (arch, tau) = (self.arch, self.settings.target_rate);
+        let (arch, tau) = (self.arch, self.settings.tau);
         let state = &mut self.state;
-        state.target_actor.follow(arch, &state.actor, tau);
-        state.target_critic.follow(arch, &state.critic, tau);
+        state.target_actor.soft_update(arch, &state.actor, tau);
+        state.target_critic.soft_update(arch, &state.critic, tau);
         let n = self.batch.len;
         let mean_target = self.target[..n].iter().sum::<f32>() / n as f32;
         self.losses = [
@@ -152,7 +150,7 @@ impl Learner for Ddpg {
         &self.batch
     }
 
-    /// Scores are exported before `tanh`: the same order, and no two of them saturated alike.
+    /// Scores are exported before `tanh`, which keeps their order and avoids ties by saturation.
     fn deterministic(&self) -> Vec<Dense> {
         Dense::of_network(
             &self.state.actor,
@@ -161,7 +159,8 @@ impl Learner for Ddpg {
     }
 }
 
-fn best_admissible(scores: &[f32], admissible: u64) -> usize {
+/// Returns the admissible user with the highest score, or 0 if none is admissible.
+fn best_admissible(scores: &[f32], admissible: UserSet) -> usize {
     let mut best: Option<usize> = None;
     for (user, &score) in scores.iter().enumerate() {
         let admitted = admissible >> user & 1 == 1;
@@ -173,8 +172,8 @@ fn best_admissible(scores: &[f32], admissible: u64) -> usize {
 }
 
 impl Ddpg {
-    /// Puts `s` into the critic's trace, and `tanh` of the actor's output as the action.
-    fn load_policy_action(critic: &mut Trace, observation: &[f32], actor: &Trace) {
+    /// Writes `s` into the critic's input, and `tanh` of the actor's output as the action.
+    fn load_policy_action(critic: &mut Activations, observation: &[f32], actor: &Activations) {
         let (states, actions) = critic.input_mut().split_at_mut(observation.len());
         states.copy_from_slice(observation);
         for (a, &u) in actions.iter_mut().zip(actor.output()) {
@@ -182,6 +181,7 @@ impl Ddpg {
         }
     }
 
+    /// Computes `r + gamma Q'(s', mu'(s'))`.
     fn evaluate_bellman_target(&mut self) {
         let observation = &self.batch.next_observation;
         self.actor.input_mut().copy_from_slice(observation);
@@ -197,13 +197,14 @@ impl Ddpg {
         }
     }
 
+    /// Minimizes `J_Q` and returns the loss.
     fn update_critic(&mut self) -> f32 {
         let split = self.batch.observation.len();
         let (states, actions) = self.critic.input_mut().split_at_mut(split);
         states.copy_from_slice(&self.batch.observation);
         actions.copy_from_slice(&self.batch.action);
         self.state.critic.forward(self.arch, &mut self.critic);
-        let share = 1.0 / self.batch.len as f32;
+        let per_sample = 1.0 / self.batch.len as f32;
         let (value, gradient) = self.critic.loss();
         gradient.fill(0.0);
         let mut loss = 0.0;
@@ -212,8 +213,8 @@ impl Ddpg {
             .zip(&self.target)
             .map(|(value, target)| value - target);
         for (gradient, error) in gradient.iter_mut().zip(errors).take(self.batch.len) {
-            loss += 0.5 * error * error * share;
-            *gradient = error * share;
+            loss += 0.5 * error * error * per_sample;
+            *gradient = error * per_sample;
         }
         let critic = &mut self.state.critic;
         let gradient = &mut self.gradient[..critic.parameters().len()];
@@ -224,6 +225,7 @@ impl Ddpg {
         loss
     }
 
+    /// Minimizes `J_mu` and returns the loss.
     fn update_actor(&mut self) -> f32 {
         let observation = &self.batch.observation;
         self.actor.input_mut().copy_from_slice(observation);
@@ -231,11 +233,11 @@ impl Ddpg {
         Self::load_policy_action(&mut self.critic, observation, &self.actor);
         self.state.critic.forward(self.arch, &mut self.critic);
         let len = self.batch.len;
-        let share = 1.0 / len as f32;
+        let per_sample = 1.0 / len as f32;
         let (value, gradient) = self.critic.loss();
-        let loss = -value[..len].iter().sum::<f32>() * share;
+        let loss = -value[..len].iter().sum::<f32>() * per_sample;
         gradient.fill(0.0);
-        gradient[..len].fill(-share);
+        gradient[..len].fill(-per_sample);
         let start = self.dimensions.observation;
         let end = start + Self::action_len(self.dimensions.users);
         self.state
@@ -261,8 +263,11 @@ impl Ddpg {
 mod tests {
     use super::*;
     use crate::{
-        fixture::{BATCH, column, double, every_arch, filled},
-        nn::mlp::reference::{check_gradient, forward},
+        fixture::{BATCH, column, double, filled},
+        nn::{
+            arch::every_arch,
+            reference::{check_gradient, forward},
+        },
     };
 
     fn value(critic: &Mlp, parameters: &[f64], state: &[f64], action: Vec<f64>) -> f64 {
@@ -325,7 +330,7 @@ mod tests {
         check_gradient(actor.parameters(), gradient, 300, reference);
     }
 
-    /// The same bits whatever vector instructions there are.
+    /// Results are the same bits with every set of vector instructions.
     #[test]
     fn same_seed_same_bytes_with_any_vector_instructions() {
         let run = |arch: Arch| {

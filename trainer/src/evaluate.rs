@@ -1,16 +1,16 @@
-//! Flies a policy the way it would fly: firmware-core's controller on the ideal vehicle, the
-//! channels of the model, double precision.
+//! Evaluation flights: `firmware-core`'s controller on the ideal vehicle with the channel gains of the
+//! model, in double precision.
 
+use environment::Allocation;
 use firmware_core::{
     Position, USERS_MAX,
     controller::{ChannelState, Controller},
     policy::Policy,
 };
-use host_sim::allocation::Allocation;
 use scenario::HostMission;
 use serde::{Deserialize, Serialize};
 
-/// What a flight came to.
+/// The result of an evaluation flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Flight {
     /// Sum of `R_n`, bit/s/Hz.
@@ -19,26 +19,26 @@ pub struct Flight {
     pub arrived: bool,
     /// Whether every user had its quota.
     pub fair: bool,
-    /// Slots that missed `Gamma`.
+    /// Number of slots that missed the MSE threshold `Gamma`.
     pub mse_violations: u32,
-    /// Slots in which the shield changed something.
+    /// Number of slots in which the shield changed the action.
     pub shield_interventions: u32,
-    /// From the destination at the end, metres.
+    /// Distance from the destination at the end, metres.
     pub arrival_distance_m: f64,
-    /// Where it was at every slot's end, metres.
+    /// Position at the end of every slot, metres.
     pub path_m: Vec<[f64; 2]>,
-    /// Who was served.
+    /// The user served in every slot.
     pub served_users: Vec<usize>,
 }
 
 impl Flight {
-    /// Whether it keeps every constraint of eq:p0.
+    /// Returns whether the flight satisfies every constraint of eq:p0.
     pub fn is_admissible(&self) -> bool {
         self.arrived && self.fair && self.mse_violations == 0
     }
 
-    /// Whether it keeps every constraint that `inner` lets a policy keep: sensors of fixed power
-    /// may miss `Gamma` wherever they are heard from.
+    /// Returns whether the flight satisfies every constraint that a policy can satisfy under `inner`:
+    /// with sensors of fixed power, `Gamma` may be missed at every position.
     pub fn is_admissible_under(&self, inner: Allocation) -> bool {
         match inner {
             Allocation::FixedSensorPower(_) => self.arrived && self.fair,
@@ -47,10 +47,10 @@ impl Flight {
     }
 }
 
-/// Flies `policy` through the mission, powers chosen by `inner`.
+/// Flies `policy` through the mission with powers chosen by `inner`.
 ///
 /// # Errors
-/// What the controller refuses; nothing, for a valid mission.
+/// Returns the controller's error. A valid mission causes none.
 pub fn fly(
     mission: &HostMission,
     policy: impl Policy<f64, USERS_MAX>,

@@ -1,11 +1,12 @@
-//! What the tests of both learners start from.
+//! Test fixtures of both learners.
 
-use pulp::Arch;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use environment::Dimensions;
+
 use crate::{
-    learner::{Dimensions, Learner},
+    learner::Learner,
     nn::Mlp,
     replay::{Replay, Transition},
     settings::{Preset, Settings},
@@ -16,10 +17,11 @@ pub(crate) const DIMENSIONS: Dimensions = Dimensions {
     observation: 8,
 };
 
-/// A batch that is no multiple of any vector's length.
+/// A batch size that is not a multiple of any vector length.
 pub(crate) const BATCH: usize = 21;
 
-/// A small learner and 300 transitions at random, some last, some with users excluded.
+/// Returns a small learner and a memory of 300 random transitions, of which some end an episode and
+/// some exclude users.
 pub(crate) fn filled<L: Learner>() -> (L, Replay, Pcg64Mcg) {
     let mut rng = Pcg64Mcg::seed_from_u64(7);
     let mut settings = Settings::preset(Preset::Paper, L::ALGORITHM, 7);
@@ -42,31 +44,18 @@ pub(crate) fn filled<L: Learner>() -> (L, Replay, Pcg64Mcg) {
             last: i % 9 == 0,
             admissible: 0b1111,
             next_admissible: if i % 2 == 0 { 0b0110 } else { 0b1101 },
-            choice: [i % 3 > 0, i % 4 > 0],
+            entropy_mask: [i % 3 > 0, i % 4 > 0],
         });
     }
     (learner, replay, rng)
 }
 
-/// Sample `s` of a matrix of features by samples.
+/// Returns column `s` of a matrix with one row per feature.
 pub(crate) fn column(matrix: &[f32], width: usize, s: usize) -> Vec<f64> {
     matrix.chunks(width).map(|row| row[s].into()).collect()
 }
 
-/// A network's parameters in double precision.
+/// Returns a network's parameters in double precision.
 pub(crate) fn double(network: &Mlp) -> Vec<f64> {
     network.parameters().iter().map(|&x| x.into()).collect()
-}
-
-/// Every set of vector instructions that this machine has, and none at all.
-pub(crate) fn every_arch() -> Vec<Arch> {
-    let mut every = vec![Arch::Scalar];
-    #[cfg(target_arch = "x86_64")]
-    {
-        every.extend(pulp::x86::V3::try_new().map(Arch::V3));
-        every.extend(pulp::x86::V4::try_new().map(Arch::V4));
-    }
-    #[cfg(target_arch = "aarch64")]
-    every.extend(pulp::aarch64::Neon::try_new().map(Arch::Neon));
-    every
 }

@@ -1,7 +1,7 @@
 //! The hybrid action of the policy: a squashed-Gaussian displacement and a categorical user,
-//! "modelled separately, optimised jointly".
+//! which the paper models separately and optimizes jointly.
 //!
-//! Given the state the two are independent. The policy network's rows are
+//! Given the state, the two are independent. The policy network's rows are
 //!
 //! ```text
 //! [mean_x, mean_y, spread_x, spread_y, logit_1, .., logit_M]
@@ -16,70 +16,72 @@
 //! pi(m|s) = softmax of the logits over the admissible users, 0 for the others
 //! ```
 
-use crate::{
-    nn::{exp, ln, padded, softplus, tanh},
-    replay::UserSet,
-};
+use environment::UserSet;
+
+use crate::nn::{exp, ln, padded, softplus, tanh};
 
 const LOG_SIGMA_MIN: f32 = -5.0;
 const LOG_SIGMA_MAX: f32 = 1.0;
 const HALF_LN_2_PI: f32 = 0.918_938_5;
 
-/// Rows of the policy network before the logits.
+/// Number of rows of the policy network's output before the logits.
 pub const DISPLACEMENT_ROWS: usize = 4;
 
-/// Length of the policy network's output for `users` users.
+/// Returns the length of the policy network's output for `users` users.
 pub const fn output_len(users: usize) -> usize {
     DISPLACEMENT_ROWS + users
 }
 
-/// Distribution and sample for a batch of states; components by samples.
+/// The policy's distribution in a batch of states, and one action sampled from it per state.
+/// Matrices have one row per component and one column per state.
 #[derive(Clone, Debug)]
-pub struct Draw {
+pub struct PolicySample {
     width: usize,
     users: usize,
-    /// `epsilon`, to be filled before [`evaluate`](Self::evaluate).
+    /// The noise `epsilon`, to be filled by the caller before [`evaluate`](Self::evaluate).
     pub noise: Vec<f32>,
-    /// `a`, in `[-1, 1]`.
+    /// The sampled displacement `a`, in `[-1, 1]`.
     pub displacement: Vec<f32>,
     /// `ln pi(a|s)`.
-    pub log_density: Vec<f32>,
-    /// `pi(m|s)`; 0 where not admissible.
-    pub probability: Vec<f32>,
-    /// `ln pi(m|s)`; 0 where not admissible, so that its product with the probability is 0.
-    pub log_probability: Vec<f32>,
+    pub log_prob: Vec<f32>,
+    /// `pi(m|s)`; 0 for users that are not admissible.
+    pub user_prob: Vec<f32>,
+    /// `ln pi(m|s)`; 0 for users that are not admissible, so that its product with the probability
+    /// is 0.
+    pub user_log_prob: Vec<f32>,
     sigma: Vec<f32>,
     spread: Vec<f32>,
-    /// Entropy of an even choice among the admissible users, nats.
-    pub even_entropy: Vec<f32>,
-    /// Entropy of the user choice, nats.
+    /// Entropy of a uniform choice among the admissible users, nats.
+    pub uniform_entropy: Vec<f32>,
+    /// Entropy of `pi(.|s)` over the users, nats.
     pub user_entropy: Vec<f32>,
-    /// 1 where the displacement's entropy counts, else 0; all 1 until told otherwise.
-    pub choice: Vec<f32>,
+    /// 1 where the displacement's entropy counts, else 0. Initially 1 everywhere.
+    pub entropy_mask: Vec<f32>,
 }
 
-impl Draw {
-    /// Room for `batch` states.
+impl PolicySample {
+    /// Allocates buffers for `batch` states.
     pub fn new(users: usize, batch: usize) -> Self {
         let width = padded(batch);
-        let room = |rows: usize| vec![0.0; rows * width];
+        let zeros = |rows: usize| vec![0.0; rows * width];
         Self {
             width,
             users,
-            noise: room(2),
-            displacement: room(2),
-            log_density: room(1),
-            probability: room(users),
-            log_probability: room(users),
-            sigma: room(2),
-            spread: room(2),
-            even_entropy: room(1),
-            user_entropy: room(1),
-            choice: vec![1.0; width],
+            noise: zeros(2),
+            displacement: zeros(2),
+            log_prob: zeros(1),
+            user_prob: zeros(users),
+            user_log_prob: zeros(users),
+            sigma: zeros(2),
+            spread: zeros(2),
+            uniform_entropy: zeros(1),
+            user_entropy: zeros(1),
+            entropy_mask: vec![1.0; width],
         }
     }
 
-    /// From the policy network's output and the admissible users of every state.
+    /// Computes distribution and sample from the policy network's output and the admissible users
+    /// of every state.
     pub fn evaluate(&mut self, output: &[f32], admissible: &[UserSet]) {
         let (mean, rest) = output.split_at(2 * self.width);
         let (spread, logits) = rest.split_at(2 * self.width);
@@ -87,8 +89,9 @@ impl Draw {
         self.evaluate_users(logits, admissible);
     }
 
+    /// Computes the displacement's part of the sample.
     fn evaluate_displacement(&mut self, mean: &[f32], spread: &[f32]) {
-        self.log_density.fill(0.0);
+        self.log_prob.fill(0.0);
         for i in 0..2 * self.width {
             let spread = tanh(spread[i]);
             let log_sigma = LOG_SIGMA_MIN + 0.5 * (LOG_SIGMA_MAX - LOG_SIGMA_MIN) * (spread + 1.0);
@@ -100,11 +103,12 @@ impl Draw {
             self.displacement[i] = tanh(u);
             // ln(1 - tanh(u)^2) without cancellation.
             let log_slope = 2.0 * (core::f32::consts::LN_2 - u - softplus(-2.0 * u));
-            self.log_density[i % self.width] +=
+            self.log_prob[i % self.width] +=
                 -0.5 * epsilon * epsilon - log_sigma - HALF_LN_2_PI - log_slope;
         }
     }
 
+    /// Computes the users' part of the distribution.
     fn evaluate_users(&mut self, logits: &[f32], admissible: &[UserSet]) {
         let width = self.width;
         for (s, &admissible) in admissible.iter().enumerate().take(width) {
@@ -123,59 +127,61 @@ impl Draw {
                 } else {
                     0.0
                 };
-                self.probability[at(m)] = weight;
+                self.user_prob[at(m)] = weight;
                 sum += weight;
             }
             let log_sum = ln(sum);
             let mut entropy = 0.0;
             for m in 0..self.users {
                 let i = at(m);
-                self.probability[i] /= sum;
-                self.log_probability[i] = if admits(m) {
+                self.user_prob[i] /= sum;
+                self.user_log_prob[i] = if admits(m) {
                     logits[i] - highest - log_sum
                 } else {
                     0.0
                 };
-                entropy -= self.probability[i] * self.log_probability[i];
+                entropy -= self.user_prob[i] * self.user_log_prob[i];
             }
             self.user_entropy[s] = entropy;
-            self.even_entropy[s] = ln(count as f32);
+            self.uniform_entropy[s] = ln(count as f32);
         }
     }
 
-    /// `sum_m pi(m|s) (beta_u ln pi(m|s) - q_m) + beta_d ln pi(a|s)` of sample `s`: the exact
-    /// expectation over users of eq:pi's integrand, and minus the soft value inside eq:Q.
-    pub fn soft_cost(&self, q: &[f32], temperature: Temperatures, s: usize) -> f32 {
-        let mut cost = temperature.displacement * self.choice[s] * self.log_density[s];
+    /// Returns `sum_m pi(m|s) (alpha_u ln pi(m|s) - q_m) + alpha_d ln pi(a|s)` of state `s`. This is
+    /// the exact expectation over users of eq:pi's integrand, and the negative of the soft value in
+    /// eq:Q.
+    pub fn soft_cost(&self, q: &[f32], alpha: Temperatures, s: usize) -> f32 {
+        let mut cost = alpha.displacement * self.entropy_mask[s] * self.log_prob[s];
         for m in 0..self.users {
             let i = m * self.width + s;
-            cost += self.probability[i] * (temperature.user * self.log_probability[i] - q[i]);
+            cost += self.user_prob[i] * (alpha.user * self.user_log_prob[i] - q[i]);
         }
         cost
     }
 
-    /// The gradient of the mean [`soft_cost`](Self::soft_cost) over the network's output, given
-    /// `q` (users by samples) and its own gradient over the displacement,
-    /// `sum_m pi(m|s) d q_m / d a`, divided by the batch (2 by samples).
+    /// Computes the gradient of the mean [`soft_cost`](Self::soft_cost) with respect to the
+    /// network's output. `q` has one row per user. `value_slope` (2 rows) is the gradient of the
+    /// mean of `q` with respect to the displacement, `sum_m pi(m|s) d q_m / d a`, already divided by
+    /// the size of the batch.
     pub fn gradient(
         &self,
         q: &[f32],
         value_slope: &[f32],
-        temperature: Temperatures,
+        alpha: Temperatures,
         batch: usize,
         gradient: &mut [f32],
     ) {
         let width = self.width;
-        let share = 1.0 / batch as f32;
+        let per_sample = 1.0 / batch as f32;
         gradient.fill(0.0);
         for row in 0..2 {
             for s in 0..batch {
                 let i = row * width + s;
                 let a = self.displacement[i];
-                // d/du: -ln(1 - tanh^2) gives 2 a; the value follows through a = tanh(u).
-                let beta = temperature.displacement * self.choice[s];
-                let du = beta * 2.0 * a * share - (1.0 - a * a) * value_slope[i];
-                let d_log_sigma = du * self.sigma[i] * self.noise[i] - beta * share;
+                // d/du of -ln(1 - tanh(u)^2) is 2 a; the value depends on u through a = tanh(u).
+                let masked_alpha = alpha.displacement * self.entropy_mask[s];
+                let du = masked_alpha * 2.0 * a * per_sample - (1.0 - a * a) * value_slope[i];
+                let d_log_sigma = du * self.sigma[i] * self.noise[i] - masked_alpha * per_sample;
                 let spread = self.spread[i];
                 let slope = 0.5 * (LOG_SIGMA_MAX - LOG_SIGMA_MIN) * (1.0 - spread * spread);
                 gradient[i] = du;
@@ -186,24 +192,24 @@ impl Draw {
         for s in 0..batch {
             let cost = |m: usize| {
                 let i = m * width + s;
-                temperature.user * self.log_probability[i] - q[i]
+                alpha.user * self.user_log_prob[i] - q[i]
             };
             let mean: f32 = (0..self.users)
-                .map(|m| self.probability[m * width + s] * cost(m))
+                .map(|m| self.user_prob[m * width + s] * cost(m))
                 .sum();
             for m in 0..self.users {
                 let i = m * width + s;
-                logits[i] = self.probability[i] * (cost(m) - mean) * share;
+                logits[i] = self.user_prob[i] * (cost(m) - mean) * per_sample;
             }
         }
     }
 
-    /// The user that a uniform number in `[0, 1)` picks for sample `s`.
+    /// Returns the user that a uniform number in `[0, 1)` selects in state `s`.
     pub fn pick_user(&self, s: usize, uniform: f32) -> usize {
         let mut rest = uniform;
         let mut last = 0;
         for m in 0..self.users {
-            let p = self.probability[m * self.width + s];
+            let p = self.user_prob[m * self.width + s];
             if p > 0.0 {
                 last = m;
                 rest -= p;
@@ -216,21 +222,21 @@ impl Draw {
     }
 }
 
-/// `beta` of the two parts of the action.
+/// The temperatures `alpha` of the two parts of the action (the paper's `beta`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Temperatures {
-    /// For the displacement.
+    /// Temperature of the displacement's entropy.
     pub displacement: f32,
-    /// For the user.
+    /// Temperature of the user's entropy.
     pub user: f32,
 }
 
 #[cfg(test)]
 pub(crate) mod reference {
-    //! The same formulae in double precision, written from the module's header.
+    //! The formulae of the module's header in double precision.
 
-    /// Displacement, `ln pi(a|s)` and the users' probabilities.
-    pub(crate) fn draw(
+    /// Returns the displacement, `ln pi(a|s)` and the users' probabilities.
+    pub(crate) fn sample(
         output: &[f64],
         noise: [f64; 2],
         admissible: u64,
@@ -239,11 +245,11 @@ pub(crate) mod reference {
             f64::from(super::LOG_SIGMA_MIN),
             f64::from(super::LOG_SIGMA_MAX),
         );
-        let mut log_density = 0.0;
+        let mut log_prob = 0.0;
         let a = [0, 1].map(|i| {
             let log_sigma = low + (high - low) * (output[2 + i].tanh() + 1.0) / 2.0;
             let a = (output[i] + log_sigma.exp() * noise[i]).tanh();
-            log_density -= noise[i] * noise[i] / 2.0
+            log_prob -= noise[i] * noise[i] / 2.0
                 + log_sigma
                 + (2.0 * std::f64::consts::PI).ln() / 2.0
                 + (1.0 - a * a).ln();
@@ -261,13 +267,13 @@ pub(crate) mod reference {
             })
             .collect();
         let sum: f64 = weights.iter().sum();
-        (a, log_density, weights.iter().map(|w| w / sum).collect())
+        (a, log_prob, weights.iter().map(|w| w / sum).collect())
     }
 
-    /// Minus the soft value.
-    pub(crate) fn cost(log_density: f64, p: &[f64], q: &[f64], beta: [f64; 2]) -> f64 {
+    /// Returns the negative soft value.
+    pub(crate) fn cost(log_prob: f64, p: &[f64], q: &[f64], beta: [f64; 2]) -> f64 {
         let users = p.iter().zip(q).filter(|(p, _)| **p > 0.0);
-        beta[0] * log_density + users.map(|(p, q)| p * (beta[1] * p.ln() - q)).sum::<f64>()
+        beta[0] * log_prob + users.map(|(p, q)| p * (beta[1] * p.ln() - q)).sum::<f64>()
     }
 }
 
@@ -294,7 +300,7 @@ mod tests {
     #[test]
     fn the_loss_and_its_gradient_match_finite_differences() {
         let mut rng = Pcg64Mcg::seed_from_u64(11);
-        let mut draw = Draw::new(USERS, 3);
+        let mut sample = PolicySample::new(USERS, 3);
         let width = 16;
         let weights: Vec<f64> = (0..3 * USERS)
             .map(|_| rng.random_range(-2.0..2.0))
@@ -303,40 +309,41 @@ mod tests {
         output
             .iter_mut()
             .for_each(|x| *x = rng.random_range(-1.5..1.5));
-        draw.noise
+        sample
+            .noise
             .iter_mut()
             .for_each(|x| *x = rng.random_range(-2.0..2.0));
         let mut admissible = vec![UserSet::MAX; width];
         admissible[1] = 0b10110;
         admissible[2] = 0b00100;
-        draw.evaluate(&output, &admissible);
-        draw.choice[1] = 0.0;
+        sample.evaluate(&output, &admissible);
+        sample.entropy_mask[1] = 0.0;
 
         let mut values = vec![0.0; USERS * width];
         let mut slope = vec![0.0; 2 * width];
         for s in 0..3 {
-            let a = [draw.displacement[s], draw.displacement[width + s]].map(f64::from);
+            let a = [sample.displacement[s], sample.displacement[width + s]].map(f64::from);
             for (m, q) in q(&weights, a).into_iter().enumerate() {
                 values[m * width + s] = q as f32;
-                let p = draw.probability[m * width + s];
+                let p = sample.user_prob[m * width + s];
                 for i in 0..2 {
                     slope[i * width + s] += p * weights[3 * m + i] as f32 / 3.0;
                 }
             }
         }
         let mut gradient = vec![f32::NAN; output.len()];
-        draw.gradient(&values, &slope, BETA, 3, &mut gradient);
+        sample.gradient(&values, &slope, BETA, 3, &mut gradient);
         for s in 0..3 {
-            let noise = [draw.noise[s], draw.noise[width + s]].map(f64::from);
+            let noise = [sample.noise[s], sample.noise[width + s]].map(f64::from);
             let loss = |output: &[f64]| {
-                let (a, log_density, p) = reference::draw(output, noise, admissible[s]);
-                let counted = f64::from(draw.choice[s]) * log_density;
+                let (a, log_prob, p) = reference::sample(output, noise, admissible[s]);
+                let counted = f64::from(sample.entropy_mask[s]) * log_prob;
                 reference::cost(counted, &p, &q(&weights, a), [0.3, 0.7])
             };
             let mut at: Vec<f64> = (0..output_len(USERS))
                 .map(|row| output[row * width + s].into())
                 .collect();
-            let got = draw.soft_cost(&values, BETA, s);
+            let got = sample.soft_cost(&values, BETA, s);
             assert!(
                 (f64::from(got) - loss(&at)).abs() < 1e-5,
                 "{got} {}",
@@ -358,19 +365,19 @@ mod tests {
 
     #[test]
     fn only_admissible_users_are_picked_and_as_often_as_they_are_likely() {
-        let mut draw = Draw::new(USERS, 1);
+        let mut sample = PolicySample::new(USERS, 1);
         let mut output = vec![0.0; output_len(USERS) * 16];
         output[(DISPLACEMENT_ROWS + 1) * 16] = 1.0;
-        draw.evaluate(&output, &[0b01011; 16]);
+        sample.evaluate(&output, &[0b01011; 16]);
         let mut counts = [0; USERS];
         for i in 0..10_000 {
-            counts[draw.pick_user(0, i as f32 / 10_000.0)] += 1;
+            counts[sample.pick_user(0, i as f32 / 10_000.0)] += 1;
         }
         for m in 0..USERS {
-            let expected = draw.probability[m * 16] * 10_000.0;
+            let expected = sample.user_prob[m * 16] * 10_000.0;
             assert!((counts[m] as f32 - expected).abs() <= 2.0, "{counts:?}");
         }
         assert_eq!((counts[2], counts[4]), (0, 0));
-        assert_eq!(draw.pick_user(0, 1.0), 3);
+        assert_eq!(sample.pick_user(0, 1.0), 3);
     }
 }

@@ -1,105 +1,77 @@
-//! What the two algorithms have in common, as seen by the training loop.
+//! The interface between the training loop and the learning algorithms.
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::{Serialize, de::DeserializeOwned};
 
+use environment::{Action, Dimensions, UserSet};
+
 use crate::{
     actor::Dense,
-    replay::{Batch, Replay, UserSet},
+    replay::{Batch, Replay},
     settings::{Algorithm, Settings},
 };
 
-/// Sizes of the learning problem.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, serde::Deserialize)]
-pub struct Dimensions {
-    /// `M`.
-    pub users: usize,
-    /// `M + 4`.
-    pub observation: usize,
-}
-
-/// Several states at once, features by samples (see [`crate::nn`]).
+/// A batch of states, with one row per feature (see [`crate::nn`]).
 #[derive(Clone, Debug)]
 pub struct States {
-    /// How many.
+    /// Number of states.
     pub len: usize,
-    /// `len`, filled up.
+    /// Number of columns: `len` padded to a multiple of [`LANES`](crate::nn::LANES).
     pub width: usize,
-    /// Normalised observations.
+    /// Normalized observations.
     pub observation: Vec<f32>,
-    /// Who may be served.
+    /// The users that may be served in each state.
     pub admissible: Vec<UserSet>,
 }
 
-/// What an agent does in one state.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Choice {
-    /// The raw action, each component in `[-1, 1]`; the displacement is its first two.
-    pub action: Vec<f32>,
-    /// The user to serve.
-    pub user: usize,
-}
-
-/// What a gradient step reports, under CleanRL's names where it has them.
+/// Names and values that a gradient step reports. Names are CleanRL's where it has them.
 pub type Losses = [(&'static str, f32)];
 
 /// A learning algorithm.
 pub trait Learner: Sized {
-    /// Which one.
+    /// Its name in settings and checkpoints.
     const ALGORITHM: Algorithm;
-    /// All that its future depends on, except random numbers and the replay memory, which the
-    /// training loop owns.
+    /// Everything that further learning depends on, except the random number generator and the
+    /// replay memory, which the training loop owns.
     type State: Serialize + DeserializeOwned;
 
-    /// Fresh networks.
+    /// Creates a learner with randomly initialized networks.
     fn new(settings: &Settings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self;
 
-    /// Goes on from a state that [`state`](Self::state) gave.
+    /// Creates a learner that continues from a state that [`state`](Self::state) returned.
     fn resume(settings: &Settings, dimensions: Dimensions, state: Self::State) -> Self;
 
-    /// What a checkpoint keeps.
+    /// Returns the state that a checkpoint stores.
     fn state(&self) -> &Self::State;
 
-    /// Length of [`Choice::action`] for `users` users.
+    /// Returns the number of [`Action::components`] for `users` users.
     fn action_len(users: usize) -> usize;
 
-    /// Acts with exploration, one choice per state.
-    fn explore(&mut self, states: &States, rng: &mut Pcg64Mcg, choices: &mut [Choice]);
+    /// Selects one action per state, with exploration.
+    fn explore(&mut self, states: &States, rng: &mut Pcg64Mcg, actions: &mut [Action]);
 
-    /// A uniformly random choice, for the first slots.
-    fn choose_at_random(
-        users: usize,
-        admissible: UserSet,
-        rng: &mut Pcg64Mcg,
-        choice: &mut Choice,
-    ) {
-        choice.action.resize(Self::action_len(users), 0.0);
-        choice
-            .action
-            .iter_mut()
-            .for_each(|a| *a = rng.random_range(-1.0..1.0));
-        let count = (0..users).filter(|m| admissible >> m & 1 == 1).count();
-        let nth = rng.random_range(0..count.max(1));
-        let mut admitted = (0..users).filter(|m| admissible >> m & 1 == 1);
-        choice.user = admitted.nth(nth).unwrap_or(0);
+    /// Replaces `action` by a uniformly random one with an admissible user; used in the slots before
+    /// learning starts.
+    fn randomize(users: usize, admissible: UserSet, rng: &mut Pcg64Mcg, action: &mut Action) {
+        action.randomize(Self::action_len(users), users, admissible, rng);
     }
 
-    /// One gradient step of every network on a batch from memory.
+    /// Performs one gradient step of every network on a batch sampled from the memory.
     fn learn(&mut self, replay: &Replay, rng: &mut Pcg64Mcg);
 
-    /// What the last [`learn`](Self::learn) came to.
+    /// Returns the losses of the last [`learn`](Self::learn).
     fn losses(&self) -> &Losses;
 
-    /// The batch of the last [`learn`](Self::learn).
+    /// Returns the batch of the last [`learn`](Self::learn).
     fn batch(&self) -> &Batch;
 
-    /// The deterministic policy: layers whose output is `[u_x, u_y, scores..]`, to be squashed
-    /// by `tanh` where it is a displacement.
+    /// Returns the deterministic policy: layers whose output is `[u_x, u_y, scores..]`. The
+    /// displacement is `tanh` of the first two.
     fn deterministic(&self) -> Vec<Dense>;
 }
 
-/// Fills with standard normal numbers (Box and Muller), the same on every machine.
+/// Fills a slice with standard normal numbers (Box and Muller), the same on every machine.
 pub fn fill_normal(rng: &mut Pcg64Mcg, values: &mut [f32]) {
     for pair in values.chunks_mut(2) {
         // In (0, 1], so that the logarithm is finite.

@@ -1,23 +1,27 @@
-//! Learning for the outer problem: SAC and DDPG over the onboard controller.
+//! Training of policies for the outer problem: SAC and DDPG over the onboard controller.
 //!
-//! | module | answers |
+//! The environment is the crate [`environment`], which uses the shield, channel model and slot
+//! solution of `firmware-core`.
+//!
+//! | module | content |
 //! |---|---|
-//! | [`settings`] | what can be set, and which of it is the paper's |
-//! | [`env`](mod@env) | the MDP, on firmware-core's own shield, channel and slot solution |
-//! | [`sac`], [`ddpg`] | how the networks learn; [`head`] is SAC's hybrid action |
-//! | [`relaxation`] | what is still to be had from a place, for value shaping |
-//! | [`replay`] | the memory |
+//! | [`settings`] | all settings of a run, with the paper's values marked |
+//! | [`sac`], [`ddpg`] | the learning algorithms; [`head`] is SAC's hybrid action |
+//! | [`learner`] | the interface of a learning algorithm |
+//! | [`replay`] | the replay memory |
 //! | [`nn`] | layers, back-propagation, Adam |
-//! | [`training`] | the loop, [`metrics`], [`tensorboard`], [`checkpoint`]; [`run`] is what it leaves |
-//! | [`actor`], [`onnx`] | the policy that results, and its files |
-//! | [`evaluate`], [`compare`], [`card`] | what it comes to in flight, and what is said of it |
+//! | [`training`] | a run: start, resume, train, evaluate, save |
+//! | [`metrics`], [`tensorboard`], [`checkpoint`], [`run`] | the files of a run |
+//! | [`actor`], [`onnx`] | the resulting policy and its files |
+//! | [`evaluate`], [`compare`], [`card`] | evaluation flights, comparison tables, model cards |
+
+#![deny(missing_docs)]
 
 pub mod actor;
 pub mod card;
 pub mod checkpoint;
 pub mod compare;
 pub mod ddpg;
-pub mod env;
 pub mod evaluate;
 #[cfg(test)]
 mod fixture;
@@ -26,8 +30,9 @@ pub mod learner;
 pub mod metrics;
 pub mod nn;
 pub mod onnx;
-pub mod relaxation;
+mod progress_bar;
 pub mod replay;
+mod rollout;
 pub mod run;
 pub mod sac;
 pub mod settings;

@@ -1,6 +1,6 @@
 //! `trainer`: train, export, convert and evaluate policies.
 //!
-//! Exit codes: 0, 1 (a run failed), 2 (bad usage or bad input).
+//! Exit codes: 0 (success), 1 (a run failed), 2 (bad usage or bad input).
 
 mod command;
 
@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Learns the outer problem: trains policies on the onboard controller and exports them.
+/// Trains policies for the outer problem on the onboard controller and exports them
 #[derive(Debug, Parser)]
 #[command(
     version,
@@ -29,15 +29,15 @@ enum Command {
     Export(command::Export),
     /// Write an ONNX policy as a .policy file for the microcontroller
     Convert(command::Convert),
-    /// Fly a policy once, deterministically, and say what it came to
+    /// Fly a policy once, deterministically, and print the result
     Evaluate(command::Evaluate),
-    /// Print random observations and a policy's answers, a JSON line each, to compare runtimes
+    /// Print random observations and a policy's outputs as JSON lines, to compare runtimes
     Probe(command::Probe),
     /// Write a run's best policy with its model card and learning curve
     Publish(command::Publish),
-    /// Set the best policies of several runs beside the straight line, the search and the bound
+    /// Compare the best policies of several runs with the straight line, the search and the bound
     Compare(command::Compare),
-    /// Gather the learning curves of several runs in one CSV file
+    /// Write the learning curves of several runs to one CSV file
     Curves(command::Curves),
 }
 

@@ -1,26 +1,27 @@
-//! What a run logs, an episode a row.
+//! The metrics of a run, one row per episode.
 //!
 //! | column | meaning |
 //! |---|---|
-//! | `episode`, `global_step` | episodes and slots done |
+//! | `episode`, `global_step` | number of episodes and slots completed |
 //! | `charts/episodic_return` | sum of rewards |
-//! | `charts/rate_reward`, `charts/trajectory_reward` | its two parts, weighted |
+//! | `charts/rate_reward`, `charts/trajectory_reward` | the weighted parts of that sum |
 //! | `charts/sum_rate` | sum of `R_n`, bit/s/Hz, with exploration |
 //! | `charts/arrived`, `charts/fair` | 1 or 0 |
-//! | `charts/mse_violations`, `charts/interventions` | slots |
-//! | `charts/eval_sum_rate` | sum of `R_n` of the deterministic policy, where it was flown |
+//! | `charts/mse_violations`, `charts/interventions` | number of slots |
+//! | `charts/eval_sum_rate` | sum of `R_n` of the deterministic policy, in episodes after which it was evaluated |
 //! | `losses/*` | means over the episode's gradient steps; names as CleanRL's where it has them |
 //!
-//! The CSV holds nothing that depends on the clock: same seed, same bytes. TensorBoard also gets
-//! `charts/SPS`, slots per second.
+//! The CSV file contains nothing that depends on the clock, so the same seed gives the same bytes.
+//! The TensorBoard files also contain `charts/SPS`, slots per second.
 
 use std::{fmt::Write as _, io, path::Path};
 
+use environment::Episode;
 use serde::{Deserialize, Serialize};
 
-use crate::{checkpoint::write_atomically, env::Episode, learner::Losses};
+use crate::learner::Losses;
 
-/// Sums of losses over an episode.
+/// Accumulates the mean losses of an episode.
 #[derive(Clone, Debug, Default)]
 pub struct LossMeans {
     names: Vec<&'static str>,
@@ -29,7 +30,7 @@ pub struct LossMeans {
 }
 
 impl LossMeans {
-    /// Adds a gradient step's.
+    /// Adds the losses of a gradient step.
     pub fn add(&mut self, losses: &Losses) {
         if self.count == 0 {
             self.names = losses.iter().map(|(name, _)| *name).collect();
@@ -41,6 +42,7 @@ impl LossMeans {
         self.count += 1;
     }
 
+    /// Returns the names and means.
     fn means(&self) -> impl Iterator<Item = (&'static str, f64)> + '_ {
         let count = f64::from(self.count.max(1));
         let pairs = self.names.iter().zip(&self.sums);
@@ -48,19 +50,19 @@ impl LossMeans {
     }
 }
 
-/// One episode's numbers.
+/// The metrics of one episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// Episodes done.
+    /// Number of episodes completed.
     pub episode: u32,
-    /// Slots done.
+    /// Number of slots completed.
     pub global_step: u64,
-    /// Column and value.
+    /// Names and values of the other columns.
     pub values: Vec<(String, f64)>,
 }
 
 impl Row {
-    /// From an episode, its losses and, where there was one, its evaluation.
+    /// Builds the row of an episode from its outcome, its losses and its evaluation, if any.
     pub fn new(
         episode: u32,
         global_step: u64,
@@ -89,20 +91,20 @@ impl Row {
         }
     }
 
-    /// A column's value.
+    /// Returns the value of a column.
     pub fn get(&self, column: &str) -> Option<f64> {
         let found = self.values.iter().find(|(name, _)| name == column);
         found.map(|(_, value)| *value)
     }
 }
 
-/// The column of deterministic evaluations.
+/// The name of the column of deterministic evaluations.
 pub const EVALUATION: &str = "charts/eval_sum_rate";
 
-/// Writes all rows as one CSV file; a column that a row lacks is left empty.
+/// Writes all rows as one CSV file. Columns without a value in a row stay empty.
 ///
 /// # Errors
-/// The file cannot be written.
+/// Fails if the file cannot be written.
 pub fn write_csv(path: &Path, rows: &[Row]) -> io::Result<()> {
     let mut columns: Vec<&str> = Vec::new();
     for (name, _) in rows.iter().flat_map(|row| &row.values) {
@@ -127,5 +129,5 @@ pub fn write_csv(path: &Path, rows: &[Row]) -> io::Result<()> {
         }
         text.push('\n');
     }
-    write_atomically(path, text.as_bytes())
+    files::output::write(path, text.as_bytes())
 }

@@ -1,55 +1,56 @@
-//! The replay memory `D` of Alg. 2 and the batches drawn from it.
+//! The replay memory `D` of Alg. 2, and batches sampled from it.
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use crate::nn::padded;
+use environment::UserSet;
 
-/// Users that a state admits, one bit each.
-pub type UserSet = u64;
+use crate::nn::padded;
 
 /// One step of one environment.
 #[derive(Clone, Copy, Debug)]
 pub struct Transition<'a> {
-    /// `s_n`, normalised.
+    /// `s_n`, normalized.
     pub observation: &'a [f32],
-    /// The raw action, in `[-1, 1]`, before the shield: what the shield makes of it is part of
-    /// the environment.
+    /// The components of the action, in `[-1, 1]`, before the shield, which is part of the
+    /// environment.
     pub action: &'a [f32],
     /// The user that was served.
     pub user: u8,
     /// `r(s_n, a_n)`.
     pub reward: f32,
-    /// `s_{n+1}`, normalised.
+    /// `s_{n+1}`, normalized.
     pub next_observation: &'a [f32],
-    /// Slot `N` is over: nothing follows.
+    /// Whether this was slot `N`, after which the episode ends.
     pub last: bool,
-    /// Who could be served in `s_n`.
+    /// The users that could be served in `s_n`.
     pub admissible: UserSet,
-    /// Who can be served in `s_{n+1}`.
+    /// The users that can be served in `s_{n+1}`.
     pub next_admissible: UserSet,
     /// Whether the displacement's entropy counts, in `s_n` and in `s_{n+1}`.
-    pub choice: [bool; 2],
+    pub entropy_mask: [bool; 2],
 }
 
-/// A ring of transitions.
+/// A ring buffer of transitions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Replay {
     observation_len: usize,
     action_len: usize,
     capacity: usize,
-    /// Where the next one goes.
+    /// The index at which the next transition is stored.
     next: usize,
-    /// Row by row: observation, action, reward, next observation, 1 if something follows.
+    /// One row per transition: observation, action, reward, next observation, and 1 or, after the
+    /// last slot, 0.
     numbers: Vec<f32>,
     users: Vec<u8>,
     admissible: Vec<[UserSet; 2]>,
-    choice: Vec<[bool; 2]>,
+    entropy_mask: Vec<[bool; 2]>,
 }
 
 impl Replay {
-    /// Empty. Memory is reserved at once but used only as transitions come.
+    /// Returns an empty memory. Its address space is reserved at once; pages are used only as
+    /// transitions are stored.
     pub fn new(capacity: usize, observation_len: usize, action_len: usize) -> Self {
         let row = 2 * observation_len + action_len + 2;
         Self {
@@ -60,7 +61,7 @@ impl Replay {
             numbers: Vec::with_capacity(capacity * row),
             users: Vec::with_capacity(capacity),
             admissible: Vec::with_capacity(capacity),
-            choice: Vec::with_capacity(capacity),
+            entropy_mask: Vec::with_capacity(capacity),
         }
     }
 
@@ -68,17 +69,17 @@ impl Replay {
         2 * self.observation_len + self.action_len + 2
     }
 
-    /// Transitions held.
+    /// Returns the number of transitions stored.
     pub fn len(&self) -> usize {
         self.users.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether no transition is stored.
     pub fn is_empty(&self) -> bool {
         self.users.is_empty()
     }
 
-    /// Stores a transition, in place of the oldest once the ring is full.
+    /// Stores a transition; a full memory replaces its oldest one.
     pub fn push(&mut self, t: Transition<'_>) {
         debug_assert_eq!(t.observation.len(), self.observation_len);
         debug_assert_eq!(t.action.len(), self.action_len);
@@ -95,7 +96,7 @@ impl Replay {
             self.numbers.extend(numbers);
             self.users.push(t.user);
             self.admissible.push(admissible);
-            self.choice.push(t.choice);
+            self.entropy_mask.push(t.entropy_mask);
         } else {
             let start = self.next * self.row_len();
             for (slot, value) in self.numbers[start..].iter_mut().zip(numbers) {
@@ -103,15 +104,15 @@ impl Replay {
             }
             self.users[self.next] = t.user;
             self.admissible[self.next] = admissible;
-            self.choice[self.next] = t.choice;
+            self.entropy_mask[self.next] = t.entropy_mask;
         }
         self.next = (self.next + 1) % self.capacity;
     }
 
-    /// Draws a batch, with replacement.
+    /// Samples a batch uniformly, with replacement.
     ///
     /// # Panics
-    /// When nothing is stored.
+    /// If the memory is empty.
     pub fn sample(&self, rng: &mut Pcg64Mcg, batch: &mut Batch) {
         let (n, a, width) = (self.observation_len, self.action_len, batch.width);
         for sample in 0..batch.len {
@@ -129,51 +130,55 @@ impl Replay {
             batch.user[sample] = self.users[index];
             batch.admissible[sample] = self.admissible[index][0];
             batch.next_admissible[sample] = self.admissible[index][1];
-            let [choice, next_choice] = self.choice[index].map(|is| f32::from(u8::from(is)));
-            batch.choice[sample] = choice;
-            batch.next_choice[sample] = next_choice;
+            let [entropy_mask, next_entropy_mask] =
+                self.entropy_mask[index].map(|is| f32::from(u8::from(is)));
+            batch.entropy_mask[sample] = entropy_mask;
+            batch.next_entropy_mask[sample] = next_entropy_mask;
         }
     }
 }
 
-/// Puts one sample's features into a matrix of features by samples.
+/// Writes one sample's features into its column of a matrix with one row per feature.
 pub fn scatter(features: &[f32], matrix: &mut [f32], width: usize, sample: usize) {
     for (row, &value) in matrix.chunks_exact_mut(width).zip(features) {
         row[sample] = value;
     }
 }
 
-/// Transitions drawn from the memory, feature by feature (see [`crate::nn`]).
+/// Transitions sampled from the memory, stored feature by feature (see [`crate::nn`]).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Batch {
-    /// How many.
+    /// Number of transitions.
     pub len: usize,
-    /// `len`, filled up; what fills up stays zero and admits every user.
+    /// Number of columns: `len` padded to a multiple of [`LANES`](crate::nn::LANES). Padding stays
+    /// zero and admits every user.
     pub width: usize,
-    /// Features by samples.
+    /// `s_n`, one row per feature.
     pub observation: Vec<f32>,
-    /// Components by samples.
+    /// The actions, one row per component.
     pub action: Vec<f32>,
-    /// Who was served.
+    /// The users that were served.
     pub user: Vec<u8>,
-    /// `r`.
+    /// The rewards `r`.
     pub reward: Vec<f32>,
-    /// Features by samples.
+    /// `s_{n+1}`, one row per feature.
     pub next_observation: Vec<f32>,
     /// 0 after the last slot, else 1.
     pub follows: Vec<f32>,
-    /// Who could be served.
+    /// The users that could be served in `s_n`.
     pub admissible: Vec<UserSet>,
-    /// Who can be served next.
+    /// The users that can be served in `s_{n+1}`.
     pub next_admissible: Vec<UserSet>,
-    /// 1 where the displacement's entropy counts, else 0.
-    pub choice: Vec<f32>,
-    /// The same for the next state.
-    pub next_choice: Vec<f32>,
+    /// 1 where the displacement's entropy counts in `s_n`, else 0. Files call it `choice`.
+    #[serde(rename = "choice")]
+    pub entropy_mask: Vec<f32>,
+    /// The same for `s_{n+1}`. Files call it `next_choice`.
+    #[serde(rename = "next_choice")]
+    pub next_entropy_mask: Vec<f32>,
 }
 
 impl Batch {
-    /// Room for `len` transitions.
+    /// Allocates a batch of `len` transitions.
     pub fn new(len: usize, observation_len: usize, action_len: usize) -> Self {
         let width = padded(len);
         Self {
@@ -187,8 +192,8 @@ impl Batch {
             follows: vec![0.0; width],
             admissible: vec![UserSet::MAX; width],
             next_admissible: vec![UserSet::MAX; width],
-            choice: vec![1.0; width],
-            next_choice: vec![1.0; width],
+            entropy_mask: vec![1.0; width],
+            next_entropy_mask: vec![1.0; width],
         }
     }
 }
@@ -209,7 +214,7 @@ mod tests {
             last: i % 4 == 3,
             admissible: u64::from(i),
             next_admissible: u64::from(i) + 1,
-            choice: [i.is_multiple_of(2), i.is_multiple_of(5)],
+            entropy_mask: [i.is_multiple_of(2), i.is_multiple_of(5)],
         });
     }
 
@@ -234,8 +239,8 @@ mod tests {
             assert_eq!(batch.follows[s], if i % 4 == 3 { 0.0 } else { 1.0 });
             assert_eq!(batch.admissible[s], u64::from(i));
             assert_eq!(batch.next_admissible[s], u64::from(i) + 1);
-            assert_eq!(batch.choice[s] == 1.0, i.is_multiple_of(2));
-            assert_eq!(batch.next_choice[s] == 1.0, i.is_multiple_of(5));
+            assert_eq!(batch.entropy_mask[s] == 1.0, i.is_multiple_of(2));
+            assert_eq!(batch.next_entropy_mask[s] == 1.0, i.is_multiple_of(5));
         }
     }
 }

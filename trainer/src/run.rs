@@ -1,12 +1,12 @@
-//! A run in its directory:
+//! The files that a run writes to its directory:
 //!
-//! | file | |
+//! | file | content |
 //! |---|---|
 //! | `policy.onnx` | the best policy so far, by deterministic evaluation |
 //! | `metrics.csv`, `events.out.tfevents.*` | see [`crate::metrics`] |
-//! | `checkpoint.bin` | see [`crate::checkpoint`]; `--resume` goes on from it, bit for bit |
-//! | `settings.toml`, `scenario.toml` | everything that was set, and what is flown |
-//! | `diverged.json` | the batch on which a loss became NaN or exploded, if one did |
+//! | `checkpoint.bin` | see [`crate::checkpoint`]; `--resume` continues from it, bit for bit |
+//! | `settings.toml`, `scenario.toml` | all settings, and the scenario |
+//! | `diverged.json` | the batch on which a loss became NaN or exceeded its limit, if one did |
 
 use std::{fs, io, path::Path};
 
@@ -15,61 +15,60 @@ use scenario::Scenario;
 
 use crate::checkpoint::{self, Progress};
 
-/// A run's checkpoint in its directory.
+/// File name of the checkpoint.
 pub const CHECKPOINT: &str = "checkpoint.bin";
-/// A run's best policy in its directory.
+/// File name of the best policy.
 pub const POLICY: &str = "policy.onnx";
-/// A run's scenario in its directory.
+/// File name of the scenario.
 pub const SCENARIO: &str = "scenario.toml";
-
-/// Its learning curve.
+/// File name of the metrics.
 pub const METRICS: &str = "metrics.csv";
-/// What was set.
+/// File name of the settings.
 pub const SETTINGS: &str = "settings.toml";
-/// The batch on which it broke off, if it did.
+/// File name of the batch on which the run diverged.
 pub const DIVERGED: &str = "diverged.json";
-/// How the names of its event files begin.
+/// Prefix of the names of TensorBoard event files.
 const EVENTS: &str = "events.out.tfevents.";
-/// What is a run's and no other's.
-const LEFT: [&str; 6] = [CHECKPOINT, POLICY, METRICS, SETTINGS, SCENARIO, DIVERGED];
+/// All files of a run except the event files.
+const FILES: [&str; 6] = [CHECKPOINT, POLICY, METRICS, SETTINGS, SCENARIO, DIVERGED];
 
-/// Whether a directory holds a run already.
+/// Returns whether a directory contains a run.
 pub fn has_run(directory: &Path) -> bool {
     directory.join(CHECKPOINT).exists()
 }
 
-/// Takes away what an earlier run left, so that nothing of it is taken for the new one's.
+/// Removes the files of an earlier run, so that they are not mistaken for those of a new one.
 ///
 /// # Errors
-/// Of the file system.
+/// Returns the file system's error.
 pub fn clear(directory: &Path) -> io::Result<()> {
     for entry in fs::read_dir(directory)? {
         let entry = entry?;
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        let left = LEFT.contains(&&*name) || name.starts_with(EVENTS);
-        if left {
+        let belongs_to_run = FILES.contains(&&*name) || name.starts_with(EVENTS);
+        if belongs_to_run {
             fs::remove_file(entry.path())?;
         }
     }
     Ok(())
 }
 
-/// What a directory says about its run.
+/// A run as read from its directory.
 #[derive(Debug)]
 pub struct Run {
-    /// Where it stands.
+    /// Its progress.
     pub progress: Progress,
-    /// What is flown.
+    /// Its scenario.
     pub scenario: Scenario,
 }
 
 impl Run {
-    /// Reads checkpoint and scenario; without a `scenario.toml`, the shipped scenario of the
-    /// run's name.
+    /// Reads checkpoint and scenario. Without a `scenario.toml`, the shipped scenario with the name
+    /// in the checkpoint is used.
     ///
     /// # Errors
-    /// No sound checkpoint, or a scenario that is not the one it was made on.
+    /// Fails if there is no valid checkpoint, or if the scenario is not the one of the run.
     pub fn open(directory: &Path) -> anyhow::Result<Self> {
         let progress = checkpoint::read_progress(&directory.join(CHECKPOINT))?;
         let path = directory.join(SCENARIO);

@@ -1,39 +1,43 @@
-//! Soft actor-critic with a hybrid action: Alg. 2 of the paper, to be read beside it.
+//! Soft actor-critic with a hybrid action, written so that it can be read side by side with the
+//! paper's Alg. 2.
 //!
 //! The action is a displacement `a` (squashed Gaussian) and a user `m` (categorical), independent
-//! given the state ([`crate::head`]). A critic takes `(s, a)` and answers with **one value per
-//! user**, `Q(s, a, 1..M)`. So wherever Alg. 2 takes an expectation over the policy, that over
-//! the user is a sum and exact; only the displacement is sampled:
+//! given the state ([`crate::head`]). A critic takes `(s, a)` and returns **one value per user**,
+//! `Q(s, a, 1..M)`. Wherever Alg. 2 takes an expectation over the policy, the expectation over the
+//! user is therefore computed exactly, as a sum; only the displacement is sampled. The
+//! temperatures are `alpha` here, as in Haarnoja et al. (2018); the paper calls them `beta`:
 //!
 //! ```text
-//! v(s)     = sum_m pi(m|s) [ min_i Q_i(s, a, m) - beta_u ln pi(m|s) ] - beta_d ln pi(a|s),  a ~ pi
+//! v(s)     = sum_m pi(m|s) [ min_i Q_i(s, a, m) - alpha_u ln pi(m|s) ] - alpha_d ln pi(a|s),  a ~ pi
 //! J_Q      = mean 1/2 ( Q_i(s_n, a_n, m_n) - r - gamma v'(s_{n+1}) )^2                   (eq:Q)
 //! J_pi     = mean -v(s_n)                                                              (eq:pi)
-//! J_beta_d = mean -beta_d ( ln pi(a|s) + H_d )                                       (eq:beta)
-//! J_beta_u = mean  beta_u ( H(pi(.|s)) - H_u(s) )                                    (eq:beta)
+//! J_alpha_d = mean -alpha_d ( ln pi(a|s) + H_d )                                     (eq:beta)
+//! J_alpha_u = mean  alpha_u ( H(pi(.|s)) - H_u(s) )                                  (eq:beta)
 //! theta'   = tau theta + (1 - tau) theta'                                          (eq:theta1)
 //! ```
 //!
-//! The `ln pi(a|s)` count only where the settings count them (`entropy_when_forced`). `H_d` is
-//! the displacement's target entropy and `H_u(s)` a fraction of that of an even choice
-//! among the users that `s` admits. Temperatures are learned through their logarithm. Users that
-//! the fairness rule excludes have probability 0 in every one of these lines.
+//! Where the setting `entropy_when_forced` excludes a state, its `ln pi(a|s)` is multiplied by 0.
+//! `H_d` is the target entropy of the displacement. `H_u(s)` is a fraction of the entropy of a
+//! uniform choice among the users that `s` admits. Temperatures are learned through their
+//! logarithm. Users that the fairness rule excludes have probability 0 in all these formulae.
 
 use pulp::Arch;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
+use environment::{Action, Dimensions};
+
 use crate::{
     actor::Dense,
-    head::{self, DISPLACEMENT_ROWS, Draw, Temperatures},
-    learner::{Choice, Dimensions, Learner, Losses, States, fill_normal},
-    nn::{Adam, Mlp, Trace, exp, padded},
+    head::{self, DISPLACEMENT_ROWS, PolicySample, Temperatures},
+    learner::{Learner, Losses, States, fill_normal},
+    nn::{Activations, Adam, Mlp, exp, padded},
     replay::{Batch, Replay},
     settings::{Algorithm, Settings},
 };
 
-/// A network and the state of its optimiser.
+/// A network and the state of its optimizer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Trained {
     network: Mlp,
@@ -53,30 +57,32 @@ impl Trained {
     }
 }
 
-/// `beta`, learned through its logarithm so that it stays positive.
+/// A temperature `alpha`, learned through its logarithm so that it stays positive.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Temperature {
-    log: f32,
+    log_alpha: f32,
     adam: Adam,
 }
 
 impl Temperature {
     fn new(initial: f32) -> Self {
         Self {
-            log: crate::nn::ln(initial),
+            log_alpha: crate::nn::ln(initial),
             adam: Adam::new(1),
         }
     }
 
-    /// `surplus`: entropy above its target, which makes `beta` fall.
+    /// Takes a gradient step. `surplus` is the entropy above its target; a positive surplus lowers
+    /// `alpha`.
     fn descend(&mut self, arch: Arch, learning_rate: f32, surplus: f32) {
-        let gradient = exp(self.log) * surplus;
-        let log = std::slice::from_mut(&mut self.log);
-        self.adam.step(arch, learning_rate, log, &[gradient]);
+        let gradient = exp(self.log_alpha) * surplus;
+        let log_alpha = std::slice::from_mut(&mut self.log_alpha);
+        self.adam.step(arch, learning_rate, log_alpha, &[gradient]);
     }
 }
 
-/// `phi`, `theta_1`, `theta_2`, `theta'_1`, `theta'_2` and the two `beta`.
+/// Everything that is learned: `phi`, `theta_1`, `theta_2`, `theta'_1`, `theta'_2` and the two
+/// temperatures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     policy: Trained,
@@ -86,7 +92,7 @@ pub struct State {
     user_temperature: Temperature,
 }
 
-/// Soft actor-critic: the networks, and room to work in.
+/// Soft actor-critic: the learned state and the work buffers.
 #[derive(Debug)]
 pub struct Sac {
     state: State,
@@ -94,32 +100,32 @@ pub struct Sac {
     dimensions: Dimensions,
     arch: Arch,
     batch: Batch,
-    policy: Trace,
-    critics: [Trace; 2],
-    draw: Draw,
+    policy: Activations,
+    critics: [Activations; 2],
+    sample: PolicySample,
     gradient: Vec<f32>,
     /// `min_i Q_i`, users by samples.
     least: Vec<f32>,
-    /// 1 where that is `Q_1`, 0 where it is `Q_2`.
+    /// 1 where the smaller value is `Q_1`, 0 where it is `Q_2`.
     first_is_least: Vec<f32>,
     /// `r + gamma v(s')`.
     target: Vec<f32>,
-    acting: Acting,
+    acting: ActingBuffers,
     losses: [(&'static str, f32); 8],
 }
 
-/// Room to act in a few states at a time.
+/// Work buffers for acting, sized for the environments that are stepped together.
 #[derive(Debug)]
-struct Acting {
-    policy: Trace,
-    draw: Draw,
+struct ActingBuffers {
+    policy: Activations,
+    sample: PolicySample,
 }
 
 impl Learner for Sac {
     const ALGORITHM: Algorithm = Algorithm::Sac;
     type State = State;
 
-    /// Alg. 2, line 1.
+    /// Initializes the networks (Alg. 2, line 1).
     fn new(settings: &Settings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self {
         let Dimensions { users, observation } = dimensions;
         let h = settings.hidden;
@@ -146,16 +152,16 @@ impl Learner for Sac {
             dimensions,
             arch: Arch::new(),
             batch: Batch::new(n, dimensions.observation, Self::action_len(users)),
-            policy: Trace::new(policy, n),
-            critics: [Trace::new(critic, n), Trace::new(critic, n)],
-            draw: Draw::new(users, n),
+            policy: policy.activations(n),
+            critics: [critic.activations(n), critic.activations(n)],
+            sample: PolicySample::new(users, n),
             gradient: vec![0.0; policy.parameters().len().max(critic.parameters().len())],
             least: vec![0.0; users * padded(n)],
             first_is_least: vec![0.0; users * padded(n)],
             target: vec![0.0; padded(n)],
-            acting: Acting {
-                policy: Trace::new(policy, settings.environments),
-                draw: Draw::new(users, settings.environments),
+            acting: ActingBuffers {
+                policy: policy.activations(settings.environments),
+                sample: PolicySample::new(users, settings.environments),
             },
             losses: [("", 0.0); 8],
             state,
@@ -170,22 +176,22 @@ impl Learner for Sac {
         2
     }
 
-    /// Sample action from policy, `a_n ~ pi(.|s_n)`.
-    fn explore(&mut self, states: &States, rng: &mut Pcg64Mcg, choices: &mut [Choice]) {
-        let Acting { policy, draw } = &mut self.acting;
+    /// Samples actions from the policy, `a_n ~ pi(.|s_n)`.
+    fn explore(&mut self, states: &States, rng: &mut Pcg64Mcg, actions: &mut [Action]) {
+        let ActingBuffers { policy, sample } = &mut self.acting;
         policy.input_mut().copy_from_slice(&states.observation);
         self.state.policy.network.forward(self.arch, policy);
-        fill_normal(rng, &mut draw.noise);
-        draw.evaluate(policy.output(), &states.admissible);
-        for (s, choice) in choices.iter_mut().enumerate() {
-            let component = |i: usize| draw.displacement[i * states.width + s];
-            choice.action.clear();
-            choice.action.extend([component(0), component(1)]);
-            choice.user = draw.pick_user(s, rng.random());
+        fill_normal(rng, &mut sample.noise);
+        sample.evaluate(policy.output(), &states.admissible);
+        for (s, action) in actions.iter_mut().enumerate() {
+            let component = |i: usize| sample.displacement[i * states.width + s];
+            action.components.clear();
+            action.components.extend([component(0), component(1)]);
+            action.user = sample.pick_user(s, rng.random());
         }
     }
 
-    /// Alg. 2, "Outer Learning".
+    /// Performs one gradient step (Alg. 2, "Outer Learning").
     fn learn(&mut self, replay: &Replay, rng: &mut Pcg64Mcg) {
         replay.sample(rng, &mut self.batch);
         self.evaluate_bellman_target(rng);
@@ -193,7 +199,7 @@ impl Learner for Sac {
         let policy_loss = self.update_policy(rng);
         self.update_temperatures();
         for (target, critic) in self.state.targets.iter_mut().zip(&self.state.critics) {
-            target.follow(self.arch, &critic.network, self.settings.target_rate);
+            target.soft_update(self.arch, &critic.network, self.settings.tau);
         }
         self.report(critic_losses, policy_loss);
     }
@@ -216,19 +222,19 @@ impl Learner for Sac {
 impl Sac {
     fn temperatures(&self) -> Temperatures {
         Temperatures {
-            displacement: exp(self.state.displacement_temperature.log),
-            user: exp(self.state.user_temperature.log),
+            displacement: exp(self.state.displacement_temperature.log_alpha),
+            user: exp(self.state.user_temperature.log_alpha),
         }
     }
 
-    /// Puts `(s, a)` into a critic's trace.
-    fn load(trace: &mut Trace, observation: &[f32], action: &[f32]) {
-        let (states, actions) = trace.input_mut().split_at_mut(observation.len());
+    /// Writes `(s, a)` into the input of a critic.
+    fn load(activations: &mut Activations, observation: &[f32], action: &[f32]) {
+        let (states, actions) = activations.input_mut().split_at_mut(observation.len());
         states.copy_from_slice(observation);
         actions.copy_from_slice(action);
     }
 
-    /// `min_i Q_i` over the two traces' outputs.
+    /// Computes `min_i Q_i` from the outputs of both critics.
     fn take_least(&mut self) {
         let [first, second] = &self.critics;
         let results = self.least.iter_mut().zip(&mut self.first_is_least);
@@ -238,7 +244,7 @@ impl Sac {
         }
     }
 
-    /// `r + gamma v(s_{n+1})`, the inner bracket of eq:Q.
+    /// Computes `r + gamma v(s_{n+1})`, the target in eq:Q.
     fn evaluate_bellman_target(&mut self, rng: &mut Pcg64Mcg) {
         self.policy
             .input_mut()
@@ -247,49 +253,55 @@ impl Sac {
             .policy
             .network
             .forward(self.arch, &mut self.policy);
-        fill_normal(rng, &mut self.draw.noise);
-        self.draw
+        fill_normal(rng, &mut self.sample.noise);
+        self.sample
             .evaluate(self.policy.output(), &self.batch.next_admissible);
-        self.draw.choice.copy_from_slice(&self.batch.next_choice);
-        for (target, trace) in self.state.targets.iter().zip(&mut self.critics) {
-            Self::load(trace, &self.batch.next_observation, &self.draw.displacement);
-            target.forward(self.arch, trace);
+        self.sample
+            .entropy_mask
+            .copy_from_slice(&self.batch.next_entropy_mask);
+        for (target, activations) in self.state.targets.iter().zip(&mut self.critics) {
+            Self::load(
+                activations,
+                &self.batch.next_observation,
+                &self.sample.displacement,
+            );
+            target.forward(self.arch, activations);
         }
         self.take_least();
-        let temperatures = self.temperatures();
+        let alpha = self.temperatures();
         for s in 0..self.batch.len {
-            let value = -self.draw.soft_cost(&self.least, temperatures, s);
+            let value = -self.sample.soft_cost(&self.least, alpha, s);
             self.target[s] =
                 self.batch.reward[s] + self.settings.discount * self.batch.follows[s] * value;
         }
     }
 
-    /// eq:Q for critic `i`; returns the loss.
+    /// Minimizes eq:Q for critic `i` and returns the loss.
     fn update_critic(&mut self, i: usize) -> f32 {
-        let (critic, trace) = (&mut self.state.critics[i], &mut self.critics[i]);
-        Self::load(trace, &self.batch.observation, &self.batch.action);
-        critic.network.forward(self.arch, trace);
+        let (critic, activations) = (&mut self.state.critics[i], &mut self.critics[i]);
+        Self::load(activations, &self.batch.observation, &self.batch.action);
+        critic.network.forward(self.arch, activations);
         let width = self.batch.width;
-        let share = 1.0 / self.batch.len as f32;
-        let (values, gradient) = trace.loss();
+        let per_sample = 1.0 / self.batch.len as f32;
+        let (values, gradient) = activations.loss();
         gradient.fill(0.0);
         let mut loss = 0.0;
         for s in 0..self.batch.len {
             let at = usize::from(self.batch.user[s]) * width + s;
             let error = values[at] - self.target[s];
-            loss += 0.5 * error * error * share;
-            gradient[at] = error * share;
+            loss += 0.5 * error * error * per_sample;
+            gradient[at] = error * per_sample;
         }
         let gradient = &mut self.gradient[..critic.network.parameters().len()];
         critic
             .network
-            .backward(self.arch, trace, Some(gradient), 0..0);
+            .backward(self.arch, activations, Some(gradient), 0..0);
         critic.descend(self.arch, self.settings.critic_learning_rate, gradient);
         loss
     }
 
-    /// eq:pi; returns the loss. The displacement's gradient comes through both critics, each
-    /// where it is the smaller.
+    /// Minimizes eq:pi and returns the loss. The gradient of the displacement is back-propagated
+    /// through the critic that has the smaller value.
     fn update_policy(&mut self, rng: &mut Pcg64Mcg) -> f32 {
         self.policy
             .input_mut()
@@ -298,38 +310,44 @@ impl Sac {
             .policy
             .network
             .forward(self.arch, &mut self.policy);
-        fill_normal(rng, &mut self.draw.noise);
-        self.draw
+        fill_normal(rng, &mut self.sample.noise);
+        self.sample
             .evaluate(self.policy.output(), &self.batch.admissible);
-        self.draw.choice.copy_from_slice(&self.batch.choice);
-        for (critic, trace) in self.state.critics.iter().zip(&mut self.critics) {
-            Self::load(trace, &self.batch.observation, &self.draw.displacement);
-            critic.network.forward(self.arch, trace);
+        self.sample
+            .entropy_mask
+            .copy_from_slice(&self.batch.entropy_mask);
+        for (critic, activations) in self.state.critics.iter().zip(&mut self.critics) {
+            Self::load(
+                activations,
+                &self.batch.observation,
+                &self.sample.displacement,
+            );
+            critic.network.forward(self.arch, activations);
         }
         self.take_least();
-        let temperatures = self.temperatures();
+        let alpha = self.temperatures();
         let (len, width) = (self.batch.len, self.batch.width);
-        let share = 1.0 / len as f32;
+        let per_sample = 1.0 / len as f32;
         let loss = (0..len)
-            .map(|s| self.draw.soft_cost(&self.least, temperatures, s) * share)
+            .map(|s| self.sample.soft_cost(&self.least, alpha, s) * per_sample)
             .sum();
 
-        // d/da sum_m pi(m|s) min_i Q_i(s, a, m): rows of a follow those of s in the input.
+        // d/da sum_m pi(m|s) min_i Q_i(s, a, m): the rows of a follow those of s in the input.
         let start = self.dimensions.observation;
         let [first, second] = &mut self.critics;
         let gradients = first
             .output_gradient_mut()
             .iter_mut()
             .zip(second.output_gradient_mut());
-        let probability = self.draw.probability.iter().zip(&self.first_is_least);
-        for ((first, second), (probability, first_is_least)) in gradients.zip(probability) {
-            *first = probability * share * first_is_least;
-            *second = probability * share * (1.0 - first_is_least);
+        let user_prob = self.sample.user_prob.iter().zip(&self.first_is_least);
+        for ((first, second), (user_prob, first_is_least)) in gradients.zip(user_prob) {
+            *first = user_prob * per_sample * first_is_least;
+            *second = user_prob * per_sample * (1.0 - first_is_least);
         }
-        for (critic, trace) in self.state.critics.iter().zip(&mut self.critics) {
+        for (critic, activations) in self.state.critics.iter().zip(&mut self.critics) {
             critic
                 .network
-                .backward(self.arch, trace, None, start..start + 2);
+                .backward(self.arch, activations, None, start..start + 2);
         }
         let [first, second] = &mut self.critics;
         let slope = first.input_gradient_mut();
@@ -338,8 +356,7 @@ impl Sac {
         }
 
         let output = self.policy.output_gradient_mut();
-        self.draw
-            .gradient(&self.least, slope, temperatures, len, output);
+        self.sample.gradient(&self.least, slope, alpha, len, output);
         let policy = &mut self.state.policy;
         let gradient = &mut self.gradient[..policy.network.parameters().len()];
         policy
@@ -349,42 +366,42 @@ impl Sac {
         loss
     }
 
-    /// eq:beta, on the states and displacements of the policy update.
+    /// Minimizes eq:beta on the states and displacements of the policy update.
     fn update_temperatures(&mut self) {
-        let share = 1.0 / self.batch.len as f32;
+        let per_sample = 1.0 / self.batch.len as f32;
         let (mut displacement, mut user) = (0.0, 0.0);
         for s in 0..self.batch.len {
-            let surplus = -(self.draw.log_density[s] + self.settings.displacement_entropy);
-            displacement += self.draw.choice[s] * surplus;
-            user += self.draw.user_entropy[s]
-                - self.settings.user_entropy_fraction * self.draw.even_entropy[s];
+            let surplus = -(self.sample.log_prob[s] + self.settings.displacement_entropy);
+            displacement += self.sample.entropy_mask[s] * surplus;
+            user += self.sample.user_entropy[s]
+                - self.settings.user_entropy_fraction * self.sample.uniform_entropy[s];
         }
         let rate = self.settings.temperature_learning_rate;
         let state = &mut self.state;
         state
             .displacement_temperature
-            .descend(self.arch, rate, displacement * share);
+            .descend(self.arch, rate, displacement * per_sample);
         state
             .user_temperature
-            .descend(self.arch, rate, user * share);
+            .descend(self.arch, rate, user * per_sample);
     }
 
     fn report(&mut self, critic_losses: [f32; 2], policy_loss: f32) {
         let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
         let n = self.batch.len;
-        let temperatures = self.temperatures();
+        let alpha = self.temperatures();
         self.losses = [
             ("losses/qf1_loss", critic_losses[0]),
             ("losses/qf2_loss", critic_losses[1]),
             ("losses/qf_target", mean(&self.target[..n])),
             ("losses/actor_loss", policy_loss),
-            ("losses/alpha_displacement", temperatures.displacement),
-            ("losses/alpha_user", temperatures.user),
+            ("losses/alpha_displacement", alpha.displacement),
+            ("losses/alpha_user", alpha.user),
             (
                 "losses/entropy_displacement",
-                -mean(&self.draw.log_density[..n]),
+                -mean(&self.sample.log_prob[..n]),
             ),
-            ("losses/entropy_user", mean(&self.draw.user_entropy[..n])),
+            ("losses/entropy_user", mean(&self.sample.user_entropy[..n])),
         ];
     }
 }

@@ -1,15 +1,16 @@
-//! Everything that can be set about a training run, in one struct.
+//! All settings of a training run, in one struct.
 //!
-//! *Table I* marks what the paper gives; *ours* marks what it leaves open. The preset
-//! [`Preset::Paper`] is Table I with our choices for the rest; [`Preset::Tuned`] is what learns
-//! best that we know (`docs/training.md` says by how much each change helped).
+//! *Table I* marks values that the paper gives, *ours* values that it does not give. The preset
+//! [`Preset::Paper`] is Table I with our values for the rest; [`Preset::Tuned`] has the settings
+//! with the best results so far (`docs/training.md` says by how much each change helped).
 
 use clap::ValueEnum;
+use environment::Allocation;
+use environment::{Constraints, EnvironmentSettings};
 use firmware_core::policy::mlp::WIDTH_MAX;
-use host_sim::allocation::Allocation;
 use serde::{Deserialize, Serialize};
 
-/// Which algorithm learns.
+/// The learning algorithm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Algorithm {
@@ -20,7 +21,7 @@ pub enum Algorithm {
 }
 
 impl Algorithm {
-    /// Its name in files.
+    /// Returns its name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sac => "sac",
@@ -35,116 +36,108 @@ impl Algorithm {
 pub enum Preset {
     /// Table I.
     Paper,
-    /// The same state, action, networks and episodes; another discount and other learning rates,
-    /// and what the paper has not: how a mission's return is paid out over its slots
-    /// ([`Settings::fairness_prices`], [`Settings::value_shaping`]), and for SAC what is
-    /// remembered and where entropy counts ([`Settings::alternative_users`],
+    /// The same state, action, networks and episodes with another discount and other learning
+    /// rates, and with additions to the paper: how a mission's return is distributed over its slots
+    /// ([`Settings::fairness_prices`], [`Settings::value_shaping`]), and for SAC which transitions
+    /// are stored and where entropy counts ([`Settings::alternative_users`],
     /// [`Settings::entropy_when_forced`]).
     Tuned,
 }
 
-/// How the environment treats an action that the constraints forbid.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Constraints {
-    /// The shield projects it, as it will in flight: every episode arrives and is fair.
-    Shielded,
-    /// The paper's form: only area and speed are projected; an unfair choice earns nothing
-    /// (`r^c = 0`), a missed destination costs (`r^d`).
-    Penalty,
-}
-
-/// Transitions that a memory may be made for: some 20 GB.
+/// The largest number of transitions in a replay memory, which takes about 20 GB.
 const BUFFER_MAX: usize = 100_000_000;
 
-/// The documented defaults are [`Preset::Paper`].
+/// All settings of a training run. The documented defaults are those of [`Preset::Paper`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Which algorithm.
+    /// The algorithm.
     pub algorithm: Algorithm,
-    /// Random numbers of the whole run start here.
+    /// The seed of all random numbers of the run.
     pub seed: u64,
 
-    /// Episodes of `N` slots; Sec. VI: 4,000.
+    /// Number of episodes of `N` slots. Sec. VI: 4,000.
     pub episodes: u32,
-    /// `alpha_pi`; Table I: 1e-4.
+    /// `alpha_pi`. Table I: 1e-4.
     pub policy_learning_rate: f32,
-    /// `alpha_q`; Table I: 1e-4.
+    /// `alpha_q`. Table I: 1e-4.
     pub critic_learning_rate: f32,
-    /// `gamma`; Table I: 0.90.
+    /// `gamma`. Table I: 0.90.
     pub discount: f32,
-    /// "min-batch"; Table I: 64.
+    /// Number of transitions in a batch ("min-batch"). Table I: 64.
     pub batch: usize,
-    /// `|D|`; Table I: 10^6. A ring: 4,000 episodes of 60 slots fill a quarter of it.
+    /// Capacity `|D|` of the replay memory, a ring buffer. Table I: 10^6, of which 4,000 episodes
+    /// of 60 slots fill a quarter.
     pub buffer_capacity: usize,
-    /// Neurons in each of the two hidden layers of every network; Sec. VI: 128.
+    /// Number of neurons in each of the two hidden layers of every network. Sec. VI: 128.
     pub hidden: usize,
 
-    /// `lambda_1`, weight of the rate. Ours: 1, so that a return reads in bit/s/Hz.
+    /// `lambda_1`, the weight of the rate. Ours: 1, so that returns are in bit/s/Hz.
     pub rate_weight: f32,
-    /// Whether serving a user also earns its price of fairness (eq:a3), less what the prices come
-    /// to on average: over a mission in which every user has its quota they add up to nothing, so
-    /// returns and best missions stay the same, but what a user is worth now rather than later is
-    /// paid at once (`docs/training.md`). Ours.
+    /// Whether serving a user also earns its fairness price (eq:a3) minus the mean price. Over a
+    /// mission in which every user is served its quota these terms sum to zero, so returns and best
+    /// missions do not change, but serving a user now rather than later is rewarded at once
+    /// (`docs/training.md`). Ours.
     pub fairness_prices: bool,
-    /// Whether a slot is also paid what it adds to the value of the relaxed mission
-    /// ([`crate::relaxation`]): potential-based shaping, which leaves the order of missions as it
-    /// is. Ours.
+    /// Whether the change of the relaxed mission's value ([`environment::ValueToGo`]) over a slot is
+    /// added to its reward: potential-based shaping, which does not change the order of missions.
+    /// Ours.
     pub value_shaping: bool,
-    /// `lambda_2`, weight of the trajectory reward, per metre and slot. Ours. Under the shield
-    /// arrival is certain and the term only biases where to be meanwhile, so it is small.
+    /// `lambda_2`, the weight of the trajectory reward, per metre and slot. Ours: small, because
+    /// arrival is certain under the shield and the term only biases the path.
     pub trajectory_weight: f32,
-    /// `R_f`, the arrival reward before `lambda_2`. Ours.
+    /// `R_f`, the arrival reward before it is multiplied by `lambda_2`. Ours.
     pub arrival_reward: f32,
     /// How the powers of a slot are chosen: optimally, or by one of the paper's comparison
-    /// schemes. In such a slot as sensors of fixed power cannot make accurate enough, nothing is
-    /// earned.
+    /// schemes. A slot in which sensors of fixed power cannot meet the MSE threshold earns nothing.
     pub inner: Allocation,
-    /// Shield or penalty. Ours: the shield that flies is the shield that trains.
+    /// How forbidden actions are treated. Ours: the shield that flies is the shield that trains.
     pub constraints: Constraints,
 
-    /// `tau` of eq:theta1, "<< 1". Ours: 0.005.
-    pub target_rate: f32,
-    /// Learning rate of both temperatures (eq:beta). Ours: that of the policy.
+    /// `tau` of eq:theta1, "<< 1". Ours: 0.005. Its name in files is `target_rate`.
+    #[serde(rename = "target_rate")]
+    pub tau: f32,
+    /// Learning rate of both temperatures (eq:beta). Ours: the learning rate of the policy.
     pub temperature_learning_rate: f32,
-    /// Both temperatures at the start. Ours.
+    /// Initial value of both temperatures. Ours.
     pub initial_temperature: f32,
-    /// Target entropy of the displacement, nats, with a step scaled to `[-1, 1]^2`.
-    /// Ours: minus its dimension, as is usual. (The paper prints `-prod(varpi)`.)
+    /// Target entropy of the displacement, nats, for a step scaled to `[-1, 1]^2`. Ours: the
+    /// negative of its dimension, which is the usual choice. (The paper prints `-prod(varpi)`.)
     pub displacement_entropy: f32,
-    /// Whether the displacement's entropy counts, and is paid for, also where the shield leaves no
-    /// choice: on the way home at full speed. Alg. 2: it does.
+    /// Whether the displacement's entropy counts also where the shield leaves only one way to fly,
+    /// on the flight to the destination at full speed. Alg. 2: it does.
     pub entropy_when_forced: bool,
-    /// Target entropy of the user choice as a fraction of that of an even choice among the users
-    /// admissible in the state. Ours.
+    /// Target entropy of the user as a fraction of the entropy of a uniform choice among the users
+    /// that are admissible in the state. Ours.
     pub user_entropy_fraction: f32,
-    /// Slots of uniformly random action before learning. Ours; Alg. 2 says "if D is filled",
-    /// which would take 16,667 episodes if it meant the whole capacity.
+    /// Number of slots with uniformly random actions before learning starts. Ours; Alg. 2 says "if
+    /// D is filled", which would take 16,667 episodes if it meant the whole capacity.
     pub warmup_slots: u64,
-    /// For every slot flown, transitions with so many other admissible users, drawn evenly, are
-    /// remembered beside it: what they would have earned and led to is known exactly, as the
-    /// way-point does not depend on the user. For SAC only: DDPG's action is the users' scores.
-    /// Alg. 2: none.
+    /// Number of additional transitions that are stored for every slot, each with another
+    /// admissible user, sampled uniformly. Their rewards and next states are known exactly, because
+    /// the waypoint does not depend on the user. For SAC only: DDPG's action contains the users'
+    /// scores. Alg. 2: none.
     pub alternative_users: u32,
-    /// Gradient steps per slot. Alg. 2: one.
+    /// Number of gradient steps per slot. Alg. 2: one.
     pub gradient_steps_per_slot: u32,
-    /// Environments that are stepped together, each followed by its gradient steps. Alg. 2: one.
+    /// Number of environments that are stepped together, each followed by its gradient steps.
+    /// Alg. 2: one.
     pub environments: usize,
-    /// DDPG: standard deviation of the exploration noise, in `[-1, 1]` units. Ours.
+    /// DDPG: standard deviation of the exploration noise, in units of `[-1, 1]`. Ours.
     pub exploration_noise: f32,
 
-    /// Deterministic evaluation every so many episodes; the best policy is kept. Ours.
+    /// Number of episodes between deterministic evaluations; the best policy is kept. Ours.
     pub evaluate_every: u32,
-    /// Checkpoint every so many episodes. Ours.
+    /// Number of episodes between checkpoints. Ours.
     pub checkpoint_every: u32,
-    /// A loss beyond this, or a NaN, stops the run. Ours.
+    /// A loss whose magnitude exceeds this, or a NaN, stops the run. Ours.
     pub loss_limit: f32,
 }
 
 impl Settings {
-    /// The values of a preset.
+    /// Returns the values of a preset.
     pub fn preset(preset: Preset, algorithm: Algorithm, seed: u64) -> Self {
+        let environment = EnvironmentSettings::default();
         let paper = Self {
             algorithm,
             seed,
@@ -155,18 +148,18 @@ impl Settings {
             batch: 64,
             buffer_capacity: 1_000_000,
             hidden: 128,
-            rate_weight: 1.0,
+            rate_weight: environment.rate_weight,
             fairness_prices: false,
             value_shaping: false,
-            trajectory_weight: 1e-6,
-            arrival_reward: 1e6,
-            inner: Allocation::Exact,
-            constraints: Constraints::Shielded,
-            target_rate: 0.005,
+            trajectory_weight: environment.trajectory_weight,
+            arrival_reward: environment.arrival_reward,
+            inner: environment.allocation,
+            constraints: environment.constraints,
+            tau: 0.005,
             temperature_learning_rate: 1e-4,
             initial_temperature: 0.1,
             displacement_entropy: -2.0,
-            entropy_when_forced: true,
+            entropy_when_forced: environment.entropy_when_forced,
             user_entropy_fraction: 0.2,
             warmup_slots: 1_200,
             alternative_users: 0,
@@ -195,10 +188,22 @@ impl Settings {
         }
     }
 
-    /// Names the first value that makes no sense.
+    /// Returns the settings of the environment.
+    pub fn environment_settings(&self) -> EnvironmentSettings {
+        EnvironmentSettings {
+            rate_weight: self.rate_weight,
+            trajectory_weight: self.trajectory_weight,
+            arrival_reward: self.arrival_reward,
+            allocation: self.inner,
+            constraints: self.constraints,
+            entropy_when_forced: self.entropy_when_forced,
+        }
+    }
+
+    /// Checks that every value is in its range.
     ///
     /// # Errors
-    /// The field, its value and what would be right.
+    /// Names the first field that is not, its value and what is allowed.
     pub fn check(&self) -> Result<(), SettingsError> {
         let positive = |field, value: f32| {
             let right = value.is_finite() && value > 0.0;
@@ -234,7 +239,7 @@ impl Settings {
         positive("initial_temperature", self.initial_temperature)?;
         positive("loss_limit", self.loss_limit)?;
         fraction("discount", self.discount)?;
-        fraction("target_rate", self.target_rate)?;
+        fraction("target_rate", self.tau)?;
         fraction("user_entropy_fraction", self.user_entropy_fraction)?;
         SettingsError::unless(
             self.algorithm == Algorithm::Sac || self.alternative_users == 0,
@@ -261,7 +266,7 @@ impl Settings {
     }
 }
 
-/// A setting that makes no sense.
+/// Error returned when a setting is out of its range.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{field} is {value}, but must be {expected}")]
 pub struct SettingsError {

@@ -1,7 +1,7 @@
-//! TensorBoard event files: scalars only.
+//! TensorBoard event files with scalars.
 //!
-//! A record is its length (u64), the masked CRC-32C of the length, the bytes and their masked
-//! CRC-32C, all little endian; the bytes are an `Event` message.
+//! A record consists of its length (u64), the masked CRC-32C of the length, the data, and the masked
+//! CRC-32C of the data, all little endian. The data is an `Event` message.
 
 use std::{
     fs::File,
@@ -41,17 +41,17 @@ struct Value {
     simple_value: Option<f32>,
 }
 
-/// Writes one event file.
+/// A writer of one event file.
 #[derive(Debug)]
 pub struct EventWriter {
     file: BufWriter<File>,
 }
 
 impl EventWriter {
-    /// Starts a new file in `directory`; TensorBoard reads all that lie there as one run.
+    /// Creates a new file in `directory`. TensorBoard reads all event files of a directory as one run.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// Fails if the file cannot be written.
     pub fn create(directory: &Path) -> io::Result<Self> {
         let name = format!("events.out.tfevents.{:.0}.{}", now(), std::process::id());
         let file = BufWriter::new(File::create(directory.join(name))?);
@@ -64,10 +64,10 @@ impl EventWriter {
         Ok(writer)
     }
 
-    /// Adds scalars at a step.
+    /// Adds the scalars of a step.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// Fails if the file cannot be written.
     pub fn scalars<'a>(
         &mut self,
         step: u64,
@@ -87,10 +87,10 @@ impl EventWriter {
         })
     }
 
-    /// Hands what is buffered to the operating system.
+    /// Writes buffered data to the file.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// Fails if the file cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         self.file.flush()
     }
@@ -100,6 +100,7 @@ impl EventWriter {
     }
 }
 
+/// Frames data as a record.
 fn record(data: &[u8]) -> Vec<u8> {
     let length = (data.len() as u64).to_le_bytes();
     let mut record = Vec::with_capacity(data.len() + 16);
@@ -110,7 +111,8 @@ fn record(data: &[u8]) -> Vec<u8> {
     record
 }
 
-/// Rotated and offset, because a CRC over data that holds its own CRC says little.
+/// Returns the CRC rotated and offset, because a CRC over data that contains its own CRC detects few
+/// errors.
 fn masked_crc(data: &[u8]) -> u32 {
     CRC_32C
         .checksum(data)
@@ -118,6 +120,7 @@ fn masked_crc(data: &[u8]) -> u32 {
         .wrapping_add(0xa282_ead8)
 }
 
+/// Returns the seconds since the Unix epoch.
 fn now() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0.0, |since| since.as_secs_f64())
@@ -127,7 +130,7 @@ fn now() -> f64 {
 mod tests {
     use super::*;
 
-    /// The first record that TensorFlow 2 itself writes at wall time 0, byte by byte.
+    /// Compares with the first record that TensorFlow 2 writes at wall time 0, byte by byte.
     #[test]
     fn the_version_record_is_what_tensorboard_expects() {
         let event = Event {

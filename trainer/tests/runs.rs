@@ -1,4 +1,5 @@
-//! Whole runs through the command line: reproducible, resumable, killable, exportable.
+//! Whole runs through the command line: they are reproducible, can be killed and resumed, and export
+//! policies.
 
 use std::{
     fs,
@@ -12,7 +13,7 @@ use assert_cmd::cargo::cargo_bin;
 use firmware_core::policy::mlp::Mlp;
 use trainer::onnx;
 
-/// A small run: 24 episodes, learning from the third on.
+/// Settings of a small run, in which learning starts in the third episode.
 const SETTINGS: &str = "hidden = 32\nbatch = 16\nwarmup_slots = 120\nevaluate_every = 4\n\
                         checkpoint_every = 4\nbuffer_capacity = 1000\n";
 
@@ -37,7 +38,7 @@ fn succeed(mut command: Command) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// What must be equal between two runs.
+/// Reads the files that must be equal between two equal runs.
 fn results(directory: &Path) -> [Vec<u8>; 3] {
     ["policy.onnx", "metrics.csv", "checkpoint.bin"]
         .map(|name| fs::read(directory.join(name)).expect("written"))
@@ -59,7 +60,7 @@ fn same_seed_same_bytes_and_another_seed_others() {
     }
 }
 
-/// Killed at an arbitrary moment and resumed, a run ends with the bytes of an undisturbed one.
+/// A run that is killed at an arbitrary time and resumed writes the same bytes as an undisturbed one.
 #[test]
 fn a_killed_run_resumes_bit_for_bit() {
     let home = tempfile::tempdir().expect("temporary");
@@ -83,7 +84,7 @@ fn a_killed_run_resumes_bit_for_bit() {
     assert!(results(&killed) == results(&whole));
 }
 
-/// A run of 24 episodes is a run of 8 that is resumed with 24.
+/// A run of 8 episodes that is resumed with 24 equals a run of 24.
 #[test]
 fn a_finished_run_can_be_prolonged() {
     let home = tempfile::tempdir().expect("temporary");
@@ -122,8 +123,7 @@ fn a_damaged_checkpoint_or_another_scenario_is_refused() {
     refused(&["--resume"], "it is damaged");
 }
 
-/// A run goes on with its own scenario, algorithm and settings; `--episodes` alone may differ, and
-/// is written down.
+/// A resumed run keeps its scenario, algorithm and settings. Only `--episodes` may differ, and is saved.
 #[test]
 fn a_resumed_run_knows_what_it_is() {
     let home = tempfile::tempdir().expect("temporary");
@@ -136,14 +136,14 @@ fn a_resumed_run_knows_what_it_is() {
     assert!(settings.contains("algorithm = \"ddpg\"") && settings.contains("episodes = 8"));
 }
 
-/// Of a run that is replaced nothing is left that could be taken for the new one's.
+/// Replacing a run removes all of its files, so none can be mistaken for those of the new run.
 #[test]
-fn starting_anew_takes_the_old_run_away() {
+fn overwriting_removes_the_old_run() {
     let home = tempfile::tempdir().expect("temporary");
     let directory = home.path().join("run");
     succeed(train(&directory, &["--episodes", "8"]));
-    let mut anew = train(&directory, &["--overwrite", "--seed", "2"]);
-    let mut child = anew.spawn().expect("starts");
+    let mut restart = train(&directory, &["--overwrite", "--seed", "2"]);
+    let mut child = restart.spawn().expect("starts");
     let settings = directory.join("settings.toml");
     let checkpoint = directory.join("checkpoint.bin");
     let begun = || {
@@ -163,8 +163,7 @@ fn starting_anew_takes_the_old_run_away() {
     assert!(results(&directory) == results(&whole));
 }
 
-/// What a settings file names, algorithm and seed included, is what learns; the command line has
-/// the last word.
+/// A settings file may name algorithm and seed. Options on the command line override it.
 #[test]
 fn a_settings_file_names_algorithm_and_seed() {
     let home = tempfile::tempdir().expect("temporary");
@@ -192,7 +191,7 @@ fn a_settings_file_names_algorithm_and_seed() {
     assert!(both == told);
 }
 
-/// A run at another threshold than its scenario's says so itself.
+/// A run with another threshold than its scenario's saves the changed scenario.
 #[test]
 fn a_run_keeps_the_scenario_that_it_was_made_on() {
     let home = tempfile::tempdir().expect("temporary");
@@ -209,7 +208,7 @@ fn a_run_keeps_the_scenario_that_it_was_made_on() {
     let text = fs::read_to_string(home.path().join("curves.csv")).expect("written");
     assert!(text.contains(",sac,0.0001,0.9,1,4,"), "{text}");
 
-    // Without it, the shipped scenario of that name is another.
+    // Without scenario.toml, the shipped scenario of that name is used, which differs.
     fs::remove_file(directory.join("scenario.toml")).expect("was there");
     let output = curves().output().expect("runs");
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -235,7 +234,7 @@ fn a_diverging_run_stops_and_leaves_its_batch() {
     assert_eq!(batch["reward"].as_array().expect("a list").len(), 16);
 }
 
-/// Export, convert, evaluate: three files, one policy.
+/// Exported and converted files contain the same policy.
 #[test]
 fn exported_and_converted_policies_fly_alike() {
     let home = tempfile::tempdir().expect("temporary");
@@ -269,4 +268,74 @@ fn exported_and_converted_policies_fly_alike() {
     let policy = Mlp::load(fs::read(&converted).expect("written")).expect("sound");
     assert_eq!(policy.provenance(), &actor.provenance);
     assert_eq!(actor.provenance.algorithm, "sac");
+}
+
+/// `--seeds` trains one run per seed, each the same as a run with that `--seed`.
+#[test]
+fn a_range_of_seeds_trains_a_run_for_each() {
+    let home = tempfile::tempdir().expect("temporary");
+    let (range, single) = (home.path().join("range"), home.path().join("single"));
+    let printed = succeed(train(&range, &["--episodes", "4", "--seeds", "2..4"]));
+    assert_eq!(printed.lines().count(), 3, "{printed}");
+    let mut written: Vec<String> = fs::read_dir(&range)
+        .expect("readable")
+        .map(|entry| {
+            let name = entry.expect("readable").file_name();
+            name.into_string().expect("text")
+        })
+        .collect();
+    written.sort();
+    assert_eq!(written, ["seed-2", "seed-3", "seed-4"]);
+    succeed(train(&single, &["--episodes", "4", "--seed", "3"]));
+    assert!(results(&range.join("seed-3")) == results(&single));
+    assert!(results(&range.join("seed-3")) != results(&range.join("seed-4")));
+    // Nothing is trained if one of the runs exists.
+    let overlapping = train(&range, &["--episodes", "4", "--seeds", "1..2"]).output();
+    let overlapping = overlapping.expect("runs");
+    assert_eq!(overlapping.status.code(), Some(2));
+    assert!(!range.join("seed-1").exists());
+}
+
+/// A failed run does not keep the following seeds from being trained, and the exit code reports it.
+#[test]
+fn every_seed_is_trained_although_one_fails() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    let arguments = [
+        "--episodes",
+        "24",
+        "--learning-rate",
+        "1e6",
+        "--seeds",
+        "1..2",
+    ];
+    let output = train(&directory, &arguments).output().expect("runs");
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("seed 1: episode ") && errors.contains("; seed 2: episode "));
+    assert!(directory.join("seed-2/diverged.json").exists());
+}
+
+#[test]
+fn a_bad_range_of_seeds_is_refused() {
+    let home = tempfile::tempdir().expect("temporary");
+    let directory = home.path().join("run");
+    let cases: [(&[&str], &str); 6] = [
+        (&["--seeds", "3"], "FIRST..LAST, for example 1..3"),
+        (
+            &["--seeds", "3..1"],
+            "the first seed, 3, is above the last, 1",
+        ),
+        (&["--seeds", "1..x"], "\"x\" is not a seed"),
+        (&["--seeds=-1..2"], "\"-1\" is not a seed"),
+        (&["--seeds", "1..1001000"], "more than 1000 seeds"),
+        (&["--seeds", "1..2", "--seed", "1"], "cannot be used with"),
+    ];
+    for (arguments, expected) in cases {
+        let output = train(&directory, arguments).output().expect("runs");
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+        assert!(!directory.exists());
+    }
 }

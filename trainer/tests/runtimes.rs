@@ -1,36 +1,35 @@
-//! One policy, every runtime: tract, the allocator-free MLP and double precision agree, and all
-//! of them refuse what is not sound. Needs the feature `onnx`.
+//! All runtimes of a policy (tract, the allocator-free MLP and double precision) agree and reject
+//! invalid files. Needs the feature `onnx`.
 
+use environment::Allocation;
+use environment::Environment;
 use firmware_core::policy::{
     mlp::Mlp,
     onnx::{OnnxError, OnnxPolicy},
 };
-use host_sim::allocation::Allocation;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use scenario::Scenario;
 use trainer::{
     actor::Actor,
-    env::Environment,
     evaluate::fly,
     learner::Learner,
     onnx,
     sac::Sac,
     settings::{Algorithm, Preset, Settings},
-    training::actor_of,
 };
 
-/// Fresh networks of full size: random, but all that a trained policy is.
+/// Returns an untrained policy of full size.
 fn actor(name: &str) -> Actor {
     let scenario = Scenario::shipped(name).expect("shipped");
     let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 3);
-    let environment = Environment::new(scenario.mission.clone(), &settings);
+    let environment = Environment::new(scenario.mission.clone(), &settings.environment_settings());
     let mut rng = Pcg64Mcg::seed_from_u64(3);
     let learner = Sac::new(&settings, environment.dimensions(), &mut rng);
-    actor_of(&learner, &scenario, &settings, 0)
+    Actor::new(learner.deterministic(), &scenario, &settings, 0)
 }
 
-/// Within 1e-5 of full scale on 10,000 observations.
+/// Outputs agree within 1e-5 of full scale on 10,000 observations.
 #[test]
 fn runtimes_agree() {
     let actor = actor("separated");
@@ -57,7 +56,7 @@ fn runtimes_agree() {
     }
 }
 
-/// Not only close: over a mission the two fly the same way.
+/// Over a mission, both runtimes serve the same users and reach the same rate.
 #[test]
 fn runtimes_fly_alike() {
     for name in ["separated", "mixed"] {
@@ -96,7 +95,7 @@ fn unsound_files_are_refused_with_a_reason() {
     let (tract, _) = refuse(b"not a network");
     assert!(matches!(tract, OnnxError::Network { .. }), "{tract}");
 
-    // Weights that do not give what the test vector says.
+    // Weights that do not reproduce the test vector.
     let mut bytes = onnx::write(&sound);
     let mut wrong = sound.clone();
     wrong.layers[1].bias[3] += 1.0;
@@ -115,7 +114,7 @@ fn unsound_files_are_refused_with_a_reason() {
     assert!(matches!(tract, OnnxError::SelfTest { .. }), "{tract}");
     assert!(ours.contains("self-test: output "), "{ours}");
 
-    // A metadata key that is not there; the same length, so that the file stays well formed.
+    // A missing metadata key; its replacement has the same length, so the file stays well formed.
     let bytes = onnx::write(&sound);
     let mut other = bytes.clone();
     let key = b"test_observation";

@@ -17,7 +17,6 @@ use firmware_core::{
     inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution, Status, alternating},
 };
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use files::input::LONGEST_BYTES;
 

@@ -22,6 +22,7 @@ use firmware_core::{
     Mission, Position, SENSORS_MAX, USERS_MAX, Watt,
     autopilot::frames::Geodetic,
     mission::{Area, Environment, ExcessLoss, MissionParameters},
+    policy::Provenance,
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -145,6 +146,18 @@ struct SensorsTable {
 }
 
 impl Scenario {
+    /// Returns what to say of a policy that was trained for another mission; `None` where it was
+    /// trained for this one.
+    pub fn foreign_policy(&self, provenance: &Provenance) -> Option<String> {
+        let (trained_for, digest) = (provenance.scenario_digest.as_str(), self.digest());
+        (trained_for != digest).then(|| {
+            format!(
+                "trained for another mission (digest {trained_for:.12}, this one has {digest:.12}): \
+                 --policy plan may do better"
+            )
+        })
+    }
+
     /// The place on Earth of the map's `[0, 0]`, as MAVLink counts it.
     pub fn map_origin(&self) -> Geodetic {
         // A scenario's origin has been checked to lie on Earth.

@@ -16,10 +16,10 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    allocation::Allocation,
     flight::{self, FlightSettings, Pace, Peer},
     policy::{HostPolicy, PolicyChoice},
 };
+use environment::Allocation;
 use scenario::Scenario;
 use vehicle::{Profile, Vehicle};
 

@@ -4,14 +4,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use environment::Allocation;
 use files::input;
 use firmware_core::console::Decider;
-use host_sim::{
-    allocation::Allocation,
-    flight::{
-        self, FlightSettings, Pace, Peer,
-        board::{Campaign, Image, SLOTS_EACH, Twin, fly, order},
-    },
+use host_sim::flight::{
+    self, FlightSettings, Pace, Peer,
+    board::{Campaign, Image, SLOTS_EACH, Twin, fly, order},
 };
 use link::HostPort;
 use scenario::ScenarioChoice;

@@ -3,8 +3,8 @@
 use std::{io::Write, path::PathBuf, str::FromStr};
 
 use clap::Args;
+use environment::Allocation;
 use host_sim::{
-    allocation::Allocation,
     flight::{
         self, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
         board::{self, Board},

@@ -1,9 +1,9 @@
 //! `host-sim upload`: plans the whole mission and hands it to an autopilot.
 
 use clap::{Args, ValueEnum};
+use environment::Allocation;
 use firmware_core::autopilot::mission::Ending;
 use host_sim::{
-    allocation::Allocation,
     flight::{self, FlightSettings, Pace, Peer},
     interrupt,
     policy::PolicyChoice,

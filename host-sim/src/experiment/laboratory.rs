@@ -17,11 +17,11 @@ use super::{
     table,
 };
 use crate::{
-    allocation::Allocation,
     flight::{self, FlightSettings, Pace, Peer},
     policy::{HostPolicy, PolicyChoice},
     record::FlightRecord,
 };
+use environment::Allocation;
 use planning::bound;
 use scenario::Scenario;
 use vehicle::{Profile, Vehicle};

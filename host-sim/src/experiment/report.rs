@@ -15,10 +15,8 @@ use super::{
     table,
     totals::{Approach, TotalRow},
 };
-use crate::{
-    allocation::Allocation,
-    policy::{HostPolicy, PolicyChoice},
-};
+use crate::policy::{HostPolicy, PolicyChoice};
+use environment::Allocation;
 use figures::{
     document,
     markup::{Element, element},

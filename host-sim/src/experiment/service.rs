@@ -15,7 +15,8 @@ use super::{
     rounded,
     totals::Approach,
 };
-use crate::{allocation::Allocation, policy::PolicyChoice, record::FlightRecord};
+use crate::{policy::PolicyChoice, record::FlightRecord};
+use environment::Allocation;
 use scenario::HostMission;
 
 pub(super) use verdicts::{

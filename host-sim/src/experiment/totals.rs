@@ -19,7 +19,8 @@ use super::{
     laboratory::Laboratory,
     rounded, statistics,
 };
-use crate::{allocation::Allocation, policy::PolicyChoice, record::Summary};
+use crate::{policy::PolicyChoice, record::Summary};
+use environment::Allocation;
 
 pub(super) use verdicts::{
     claims_of_approaches, claims_of_mission_time, claims_of_noise, claims_of_strategies,

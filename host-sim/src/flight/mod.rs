@@ -38,11 +38,11 @@ use firmware_core::{
 use thiserror::Error;
 
 use crate::{
-    allocation::Allocation,
     journal::ParameterJournal,
     record::{FlightEvent, FlightRecord, PathSample, SlotRecord},
     world::World,
 };
+use environment::Allocation;
 use link::Silence;
 use scenario::Scenario;
 use vehicle::{Profile, VehicleSettings};

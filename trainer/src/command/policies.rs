@@ -1,4 +1,4 @@
-//! `trainer export|convert|evaluate|probe`: one policy at a time.
+//! `trainer export|convert|evaluate|probe`: the commands for one policy.
 
 use std::{
     io::{BufWriter, Write, stdout},
@@ -7,6 +7,7 @@ use std::{
 
 use anyhow::{Context, Error, anyhow};
 use clap::Args;
+use environment::Allocation;
 use files::input;
 use firmware_core::{
     USERS_MAX,
@@ -15,7 +16,6 @@ use firmware_core::{
         mlp::{self, Mlp},
     },
 };
-use host_sim::{allocation::Allocation, policy::foreign_mission};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use scenario::{Scenario, ScenarioChoice};
@@ -26,16 +26,16 @@ use trainer::{
     onnx,
 };
 
-use super::{Failure, Outcome, write};
+use super::outcome::{Failure, Outcome, write};
 
 #[derive(Debug, Args)]
 pub(crate) struct Export {
-    /// A run's checkpoint.bin
+    /// The checkpoint.bin of a run
     checkpoint: PathBuf,
-    /// The file to write
+    /// The ONNX file to write
     #[arg(long, value_name = "FILE")]
     onnx: PathBuf,
-    /// The latest policy instead of the best
+    /// Write the latest policy instead of the best one
     #[arg(long)]
     latest: bool,
 }
@@ -51,9 +51,9 @@ impl Export {
 
 #[derive(Debug, Args)]
 pub(crate) struct Convert {
-    /// The policy to read
+    /// The ONNX file to read
     onnx: PathBuf,
-    /// The file to write
+    /// The .policy file to write
     policy: PathBuf,
 }
 
@@ -61,7 +61,7 @@ impl Convert {
     pub(crate) fn execute(self) -> Outcome {
         let actor = onnx::read::read(&self.onnx).map_err(Failure::BadInput)?;
         let file = actor.to_policy_file().map_err(Failure::BadInput)?;
-        // What will be refused on board is not written.
+        // A file that the vehicle would reject is not written.
         Mlp::load(&file[..]).map_err(|error| Failure::BadInput(error.into()))?;
         write(&self.policy, &file)
     }
@@ -73,11 +73,11 @@ pub(crate) struct Evaluate {
     policy: PathBuf,
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// How powers are chosen: exact, alternating, fixed-user-power[:WATTS] or
+    /// How the powers of a slot are chosen: exact, alternating, fixed-user-power[:WATTS] or
     /// fixed-sensor-power[:WATTS]
     #[arg(long, default_value_t)]
     inner: Allocation,
-    /// Print JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
 }
@@ -105,7 +105,7 @@ impl Evaluate {
             .map_err(|error: mlp::LoadError| anyhow!("{}: {error}", self.policy.display()))?;
         let fits = policy.provenance().check(&scenario.mission);
         fits.with_context(|| self.policy.display().to_string())?;
-        if let Some(warning) = foreign_mission(policy.provenance(), &scenario) {
+        if let Some(warning) = scenario.foreign_policy(policy.provenance()) {
             eprintln!("warning: {}: {warning}", self.policy.display());
         }
         Ok((scenario, Box::new(policy)))
@@ -134,10 +134,10 @@ impl Evaluate {
 pub(crate) struct Probe {
     /// A .onnx file
     onnx: PathBuf,
-    /// How many observations
+    /// Number of observations
     #[arg(long, default_value_t = 10_000)]
     count: usize,
-    /// Where random numbers start
+    /// Seed of the random observations
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }

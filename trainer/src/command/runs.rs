@@ -1,4 +1,4 @@
-//! `trainer publish|compare|curves`: what runs came to.
+//! `trainer publish|compare|curves`: the commands for finished runs.
 
 use std::path::{Path, PathBuf};
 
@@ -13,16 +13,16 @@ use trainer::{
     run::Run,
 };
 
-use super::{Failure, Outcome, write};
+use super::outcome::{Failure, Outcome, write};
 
 #[derive(Debug, Args)]
 pub(crate) struct Publish {
-    /// A run's directory
+    /// The directory of a run
     run: PathBuf,
-    /// Stem of the files to write: STEM.onnx, STEM.md, STEM.svg
+    /// Path without extension of the files to write: STEM.onnx, STEM.md, STEM.svg
     #[arg(long)]
     stem: PathBuf,
-    /// The command that made the run, for the card
+    /// The command that trained the policy, for the model card
     #[arg(long)]
     command: String,
 }
@@ -30,7 +30,7 @@ pub(crate) struct Publish {
 impl Publish {
     pub(crate) fn execute(self) -> Outcome {
         for (extension, bytes) in self.files().map_err(Failure::BadInput)? {
-            // Not with_extension: a stem may have dots, as those of the figures' cells do.
+            // with_extension would cut a stem at its last dot.
             let mut path = self.stem.clone().into_os_string();
             path.push(format!(".{extension}"));
             write(Path::new(&path), &bytes)?;
@@ -56,16 +56,16 @@ impl Publish {
 
 #[derive(Debug, Args)]
 pub(crate) struct Compare {
-    /// Directories of runs
+    /// The directories of the runs
     #[arg(required = true)]
     runs: Vec<PathBuf>,
-    /// Write the table into this document, between <!-- NAME --> and <!-- /NAME -->
+    /// Write the table to this document, between <!-- NAME --> and <!-- /NAME -->
     #[arg(long, value_name = "FILE", requires = "name")]
     into: Option<PathBuf>,
-    /// The name of the table's marks
+    /// The NAME in these two comments
     #[arg(long, requires = "into")]
     name: Option<String>,
-    /// Fail unless SAC is above the straight line and at or above DDPG on every mission
+    /// Fail unless on every mission SAC is above the straight line and not below DDPG
     #[arg(long)]
     check: bool,
 }
@@ -88,13 +88,13 @@ impl Compare {
 
 #[derive(Debug, Args)]
 pub(crate) struct Curves {
-    /// Directories of runs
+    /// The directories of the runs
     #[arg(required = true)]
     runs: Vec<PathBuf>,
     /// The CSV file to write
     #[arg(long)]
     out: PathBuf,
-    /// Episodes that a row averages over
+    /// Number of episodes that a row averages over
     #[arg(long, default_value_t = 40)]
     window: usize,
 }

@@ -1,40 +1,41 @@
-//! `trainer train`.
+//! `trainer train`: one run, or one run per seed.
 
 use std::{
     path::{Path, PathBuf},
+    str::FromStr,
     time::Instant,
 };
 
 use anyhow::{Context, Error, anyhow, ensure};
 use clap::Args;
+use environment::{Allocation, Constraints};
 use files::input;
-use host_sim::allocation::Allocation;
 use scenario::{Scenario, ScenarioChoice};
 use trainer::{
     ddpg::Ddpg,
     learner::Learner,
     run::{CHECKPOINT, POLICY, Run, has_run},
     sac::Sac,
-    settings::{Algorithm, Constraints, Preset, Settings},
+    settings::{Algorithm, Preset, Settings},
     training::Training,
 };
 
-use super::{Failure, Outcome};
+use super::outcome::{Failure, Outcome};
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// What learns [default: sac, or what the settings file or the run to go on with says]
+    /// The learning algorithm [default: sac, or as in the settings file]
     #[arg(long, value_enum)]
     algorithm: Option<Algorithm>,
-    /// Which values the settings start from
+    /// The preset that the settings start from
     #[arg(long, value_enum, default_value = "paper")]
     preset: Preset,
-    /// TOML file with settings that replace the preset's; names as in a run's settings.toml
+    /// TOML file with settings that override the preset; it has the names of a run's settings.toml
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// Episodes to train (paper: 4000)
+    /// Number of episodes (paper: 4000)
     #[arg(long)]
     episodes: Option<u32>,
     /// Learning rate of policy, critics and temperatures (paper: 1e-4)
@@ -43,36 +44,85 @@ pub(crate) struct Train {
     /// Discount factor (paper: 0.90)
     #[arg(long)]
     discount: Option<f32>,
-    /// How powers are chosen: exact, alternating, fixed-user-power[:WATTS] or
+    /// How the powers of a slot are chosen: exact, alternating, fixed-user-power[:WATTS] or
     /// fixed-sensor-power[:WATTS] (default: exact)
     #[arg(long)]
     inner: Option<Allocation>,
     /// How forbidden actions are treated
     #[arg(long, value_enum)]
     constraints: Option<Constraints>,
-    /// Where random numbers start: the same seed gives the same bytes [default: 1, or what the
-    /// settings file says]
+    /// Seed of all random numbers; the same seed gives the same bytes [default: 1, or as in the
+    /// settings file]
     #[arg(long)]
     seed: Option<u64>,
-    /// Directory of the run [default: out/SCENARIO-ALGORITHM-SEED]
+    /// Train one run per seed, from the first to the last one inclusive, each in its own directory
+    /// OUT/seed-K
+    #[arg(long, value_name = "FIRST..LAST", conflicts_with = "seed")]
+    seeds: Option<Seeds>,
+    /// Directory of the run [default: out/SCENARIO-ALGORITHM-SEED; with --seeds
+    /// out/SCENARIO-ALGORITHM]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Go on with the run in --out, on its scenario and with its settings; --episodes may differ
+    /// Continue the run in --out, with its scenario and settings; only --episodes may differ
     #[arg(
         long,
         requires = "out",
         conflicts_with_all = [
             "scenario", "mse_threshold", "noise_dbm", "slots", "algorithm", "preset", "settings",
-            "learning_rate", "discount", "inner", "constraints", "seed",
+            "learning_rate", "discount", "inner", "constraints", "seed", "seeds",
         ]
     )]
     resume: bool,
-    /// Start anew where there is a run already
+    /// Replace a run that the directory already contains
     #[arg(long, conflicts_with = "resume")]
     overwrite: bool,
-    /// No progress bar
+    /// Show no progress bar
     #[arg(long)]
     quiet: bool,
+}
+
+/// An inclusive range of seeds, `FIRST..LAST` on the command line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Seeds {
+    first: u64,
+    last: u64,
+}
+
+impl Seeds {
+    /// The largest number of runs that one command trains.
+    const COUNT_MAX: u64 = 1_000;
+
+    fn all(self) -> impl Iterator<Item = u64> {
+        self.first..=self.last
+    }
+}
+
+impl FromStr for Seeds {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parse = |part: &str| {
+            part.parse::<u64>().map_err(|_| {
+                format!(
+                    "{part:?} is not a seed, a whole number from 0 to {}",
+                    u64::MAX
+                )
+            })
+        };
+        let (first, last) = text
+            .split_once("..")
+            .ok_or("a range of seeds has the form FIRST..LAST, for example 1..3")?;
+        let (first, last) = (parse(first)?, parse(last)?);
+        if first > last {
+            return Err(format!(
+                "the first seed, {first}, is above the last, {last}"
+            ));
+        }
+        if last - first >= Self::COUNT_MAX {
+            return Err(format!("more than {} seeds", Self::COUNT_MAX));
+        }
+        Ok(Self { first, last })
+    }
 }
 
 impl Train {
@@ -100,9 +150,53 @@ impl Train {
         self.train(training.map_err(Failure::BadInput)?, directory)
     }
 
+    /// Trains a new run, or one per seed. A run that fails does not keep the following seeds from
+    /// being trained.
     fn start<L: Learner>(&self, settings: Settings) -> Outcome {
-        let (training, directory) = self.prepare::<L>(settings).map_err(Failure::BadInput)?;
-        self.train(training, &directory)
+        let scenario = self.load_scenario(&settings).map_err(Failure::BadInput)?;
+        let name = format!("{}-{}", scenario.name, settings.algorithm.name());
+        let Some(seeds) = self.seeds else {
+            let directory = self.out.clone().unwrap_or_else(|| {
+                let seed = settings.seed;
+                PathBuf::from("out").join(format!("{name}-{seed}"))
+            });
+            self.check_directory(&directory)
+                .map_err(Failure::BadInput)?;
+            return self.start_run::<L>(scenario, settings, &directory);
+        };
+        let parent = self.out.clone();
+        let parent = parent.unwrap_or_else(|| PathBuf::from("out").join(name));
+        let directory = |seed: u64| parent.join(format!("seed-{seed}"));
+        for seed in seeds.all() {
+            self.check_directory(&directory(seed))
+                .map_err(Failure::BadInput)?;
+        }
+        let mut failed = Vec::new();
+        for seed in seeds.all() {
+            let settings = Settings {
+                seed,
+                ..settings.clone()
+            };
+            match self.start_run::<L>(scenario.clone(), settings, &directory(seed)) {
+                Ok(()) => {}
+                Err(Failure::Failed(error)) => failed.push(format!("seed {seed}: {error:#}")),
+                Err(bad_input) => return Err(bad_input),
+            }
+        }
+        match failed.is_empty() {
+            true => Ok(()),
+            false => Err(Failure::Failed(anyhow!(failed.join("; ")))),
+        }
+    }
+
+    fn start_run<L: Learner>(
+        &self,
+        scenario: Scenario,
+        settings: Settings,
+        directory: &Path,
+    ) -> Outcome {
+        let training = Training::<L>::start(scenario, settings, directory.to_owned());
+        self.train(training.map_err(Failure::BadInput)?, directory)
     }
 
     fn train<L: Learner>(&self, training: Training<L>, directory: &Path) -> Outcome {
@@ -126,27 +220,27 @@ impl Train {
         Ok(())
     }
 
-    fn prepare<L: Learner>(&self, settings: Settings) -> anyhow::Result<(Training<L>, PathBuf)> {
+    /// Loads the scenario and checks that it permits the power allocation.
+    fn load_scenario(&self, settings: &Settings) -> anyhow::Result<Scenario> {
         let scenario = self.mission.load().map_err(Error::msg)?;
-        settings
-            .inner
-            .check(&scenario.mission)
-            .map_err(Error::msg)?;
-        let directory = self.out.clone().unwrap_or_else(|| {
-            let (algorithm, seed) = (settings.algorithm.name(), settings.seed);
-            PathBuf::from("out").join(format!("{}-{algorithm}-{seed}", scenario.name))
-        });
+        let allowed = settings.inner.check(&scenario.mission);
+        allowed.map_err(Error::msg)?;
+        Ok(scenario)
+    }
+
+    /// Checks that a directory does not contain a run, unless it may be replaced.
+    fn check_directory(&self, directory: &Path) -> anyhow::Result<()> {
         ensure!(
-            self.overwrite || !has_run(&directory),
+            self.overwrite || !has_run(directory),
             "{} holds a run already: --resume goes on, --overwrite starts anew, --out names \
              another directory",
             directory.display()
         );
-        let training = Training::start(scenario, settings, directory.clone())?;
-        Ok((training, directory))
+        Ok(())
     }
 
-    /// The preset's, what the settings file replaces, what the command line replaces.
+    /// Returns the settings of the preset, overridden by those of the settings file, overridden by
+    /// those of the command line.
     fn collect_settings(&self) -> anyhow::Result<Settings> {
         let file = match &self.settings {
             Some(path) => {
@@ -156,7 +250,7 @@ impl Train {
             }
             None => None,
         };
-        // Of the two presets of an algorithm.
+        // Presets depend on the algorithm.
         let named = file.as_ref().and_then(|(_, table)| table.get("algorithm"));
         let named = named.and_then(|name| name.clone().try_into().ok());
         let algorithm = self.algorithm.or(named).unwrap_or(Algorithm::Sac);
@@ -184,7 +278,7 @@ impl Train {
     }
 }
 
-/// The settings with those values replaced that a table names.
+/// Returns the settings with the values that a table contains replaced.
 fn overlay(settings: &Settings, changes: toml::Table) -> anyhow::Result<Settings> {
     let mut table = toml::Table::try_from(settings)?;
     table.extend(changes);

@@ -1,4 +1,4 @@
-//! Adam (Kingma and Ba, 2015), in the form PyTorch uses: `epsilon` outside the corrected root.
+//! Adam (Kingma and Ba, 2015) in PyTorch's form, which adds `epsilon` to the bias-corrected root.
 
 use pulp::Arch;
 use serde::{Deserialize, Serialize};
@@ -12,13 +12,13 @@ const EPSILON: f32 = 1e-8;
 pub struct Adam {
     first: Vec<f32>,
     second: Vec<f32>,
-    /// `beta_1^t` and `beta_2^t`, carried along rather than raised anew.
+    /// `beta_1^t` and `beta_2^t`, updated by one multiplication per step.
     beta_1_power: f64,
     beta_2_power: f64,
 }
 
 impl Adam {
-    /// For `len` parameters.
+    /// Creates the optimizer state of `len` parameters.
     pub fn new(len: usize) -> Self {
         Self {
             first: vec![0.0; len],
@@ -28,10 +28,10 @@ impl Adam {
         }
     }
 
-    /// One step down the gradient.
+    /// Performs one step against the gradient.
     ///
     /// # Panics
-    /// When the lengths differ from that given to [`new`](Self::new).
+    /// If a length differs from the one given to [`new`](Self::new).
     pub fn step(
         &mut self,
         arch: Arch,
@@ -46,10 +46,12 @@ impl Adam {
         let rate = (f64::from(learning_rate) / (1.0 - self.beta_1_power)) as f32;
         let root = (1.0 / (1.0 - self.beta_2_power)).sqrt() as f32;
         let (first, second) = (&mut self.first[..n], &mut self.second[..n]);
-        // The moments of a neuron that has died would decay into subnormal numbers and, as
-        // 0.9 of the smallest rounds to itself, stay there: each costs a hundred times a normal.
+        // The moments of a dead neuron would decay into subnormal numbers and stay there, because
+        // 0.9 times the smallest one rounds to itself. Arithmetic on subnormal numbers takes about
+        // a hundred times as long as on normal ones.
         let flushed = |x: f32| if x.abs() < f32::MIN_POSITIVE { 0.0 } else { x };
-        // Elementwise and IEEE-exact operations only: any vector width gives the same bits.
+        // All operations are elementwise and exact by IEEE 754, so every vector width gives the
+        // same bits.
         arch.dispatch(|| {
             for i in 0..n {
                 let g = gradient[i];
@@ -67,7 +69,7 @@ impl Adam {
 mod tests {
     use super::*;
 
-    /// What a gradient has left behind vanishes some day: no number stays subnormal for ever.
+    /// Moments decay to zero without ever being subnormal.
     #[test]
     fn moments_of_a_dead_neuron_become_zero() {
         let mut adam = Adam::new(1);
@@ -80,7 +82,7 @@ mod tests {
         assert_eq!((adam.first[0], adam.second[0]), (0.0, 0.0));
     }
 
-    /// The algorithm as printed, in double precision, on a badly scaled bowl.
+    /// Compares with the published algorithm in double precision on a badly scaled quadratic.
     #[test]
     fn follows_the_published_algorithm() {
         let scale = [1.0_f64, 100.0, 1e-4];

@@ -1,21 +1,21 @@
-//! The one matrix product all learning runs on, in safe code.
+//! The matrix product that all learning uses, in safe code.
 //!
-//! `C = A B`, then an [`Epilogue`] on each row while it is still in registers. The columns of
-//! `B` and `C` are contiguous and their number is a multiple of [`LANES`]; `A` has any two
-//! strides, so a transposed factor costs nothing.
+//! Computes `C = A B` and applies an [`Epilogue`] to each row while it is in registers. The rows of
+//! `B` and `C` are contiguous and their length is a multiple of [`LANES`]; `A` may have any two
+//! strides, so a transposed factor needs no copy.
 //!
-//! Vectors run along the columns and every element of `C` is one chain of fused
-//! multiply-adds over `k = 0, 1, ..`: the result is the same, bit for bit, with AVX-512, AVX2,
-//! NEON or no vectors at all. That is what lets a training run be reproduced on another
-//! machine, and what a general matrix library does not promise (it splits the sum over k
-//! as its blocking pleases). `pulp` chooses the instructions at run time.
+//! SIMD vectors run along the columns, and every element of `C` is one chain of fused
+//! multiply-adds over `k = 0, 1, ..`. The result is therefore the same, bit for bit, with AVX-512,
+//! AVX2, NEON or no vectors, so a training run can be reproduced on another machine. General matrix
+//! libraries do not guarantee this, because their blocking determines how the sum over k is split.
+//! `pulp` chooses the instructions at run time.
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Column counts are multiples of this: the widest vector (AVX-512) holds 16 `f32`.
+/// The number of columns is a multiple of this: the widest vector (AVX-512) holds 16 `f32`.
 pub const LANES: usize = 16;
 
-/// The next multiple of [`LANES`].
+/// Returns the smallest multiple of [`LANES`] that is not less than `n`.
 pub const fn padded(n: usize) -> usize {
     n.next_multiple_of(LANES)
 }
@@ -34,7 +34,7 @@ pub struct Left<'a> {
 }
 
 impl<'a> Left<'a> {
-    /// A row-major matrix with `stride` between its rows.
+    /// Describes a row-major matrix whose rows are `stride` apart.
     pub fn rows(data: &'a [f32], rows: usize, stride: usize) -> Self {
         Self {
             data,
@@ -44,8 +44,8 @@ impl<'a> Left<'a> {
         }
     }
 
-    /// The transpose of a row-major matrix with `stride` between its rows; `rows` counts
-    /// the rows of the transpose.
+    /// Describes the transpose of a row-major matrix whose rows are `stride` apart; `rows` is the
+    /// number of rows of the transpose.
     pub fn transposed(data: &'a [f32], rows: usize, stride: usize) -> Self {
         Self {
             data,
@@ -56,23 +56,25 @@ impl<'a> Left<'a> {
     }
 }
 
-/// What happens to each element of `C` before it is stored.
+/// The operation on each element of `C` before it is stored.
 #[derive(Clone, Copy, Debug)]
 pub enum Epilogue<'a> {
-    /// Nothing.
+    /// The element is stored unchanged.
     None,
-    /// Add the row's bias.
+    /// Adds the row's bias.
     Bias(&'a [f32]),
-    /// Add the row's bias, then `max(0, .)`.
+    /// Adds the row's bias and applies `max(0, .)`.
     BiasRelu(&'a [f32]),
-    /// Keep where this matrix (shaped like `C`) is positive, else zero: the derivative of ReLU.
+    /// Sets the element to zero unless this matrix (shaped like `C`) is positive there: the
+    /// derivative of ReLU.
     WherePositive(&'a [f32]),
 }
 
-/// `c = a b`: `b` has `k` rows, `c` has `a.rows` rows, both `columns` wide.
+/// Computes `c = a b`, where `b` has `k` rows, `c` has `a.rows` rows, and both have `columns`
+/// columns.
 ///
 /// # Panics
-/// When a slice is shorter than its shape or `columns` is no multiple of [`LANES`].
+/// If a slice is shorter than its shape requires, or `columns` is not a multiple of [`LANES`].
 pub fn product(
     arch: Arch,
     a: Left<'_>,
@@ -116,8 +118,8 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // A tile of accumulators fills half the registers: 16 of 32 where vectors have 16
-        // lanes, 8 of 16 elsewhere; narrow results get tall tiles.
+        // A tile of accumulators fills half of the registers: 16 of 32 if vectors have 16 lanes,
+        // 8 of 16 otherwise. Narrow results use tall tiles.
         let width = self.columns / S::F32_LANES;
         match (S::F32_LANES >= 16, width) {
             (true, 1) => self.tiles::<S, 8, 1>(simd),
@@ -192,7 +194,7 @@ impl<S: Simd> Panel<'_, S> {
         let mut sum = [[simd.splat_f32s(0.0); V]; R];
         for k in 0..k {
             let b = &b[k * width..k * width + V];
-            // Indices, not iterators: the sums have to stay in registers.
+            // Indices instead of iterators, so that the compiler keeps the sums in registers.
             for r in 0..R {
                 let factor = simd.splat_f32s(a[r * row_stride + k * k_stride]);
                 for v in 0..V {
@@ -209,7 +211,7 @@ impl<S: Simd> Panel<'_, S> {
                     Epilogue::Bias(bias) => simd.add_f32s(sum, simd.splat_f32s(bias[row + r])),
                     Epilogue::BiasRelu(bias) => {
                         let z = simd.add_f32s(sum, simd.splat_f32s(bias[row + r]));
-                        // Not max_f32s: a NaN has to pass through, so that it is found.
+                        // max_f32s would hide a NaN, which has to pass through to be detected.
                         let negative = simd.less_than_f32s(z, zero);
                         simd.select_f32s(negative, zero, z)
                     }
@@ -223,8 +225,8 @@ impl<S: Simd> Panel<'_, S> {
     }
 }
 
-/// `to = from^T`: `from` has `rows` rows `from_stride` apart, `to` has `columns` rows
-/// `to_stride` apart.
+/// Computes `to = from^T`, where `from` has `rows` rows at a distance of `from_stride` and `to` has
+/// `columns` rows at a distance of `to_stride`.
 pub fn transpose(
     arch: Arch,
     from: &[f32],
@@ -234,7 +236,7 @@ pub fn transpose(
     from_stride: usize,
     to_stride: usize,
 ) {
-    // Blocks keep both sides within the first-level cache.
+    // With blocks, both sides stay in the first-level cache.
     const BLOCK: usize = 16;
     arch.dispatch(|| {
         for row in (0..rows).step_by(BLOCK) {
@@ -249,10 +251,21 @@ pub fn transpose(
     });
 }
 
+/// Returns the sum of the values, added in a fixed order: lane by lane, then over the lanes.
+pub(crate) fn lane_sum(values: &[f32]) -> f32 {
+    let mut lanes = [0.0_f32; LANES];
+    for chunk in values.chunks_exact(LANES) {
+        for (lane, value) in lanes.iter_mut().zip(chunk) {
+            *lane += value;
+        }
+    }
+    lanes.iter().sum()
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::arch::every_arch;
     use super::*;
-    use crate::fixture::every_arch;
     use rand::{Rng, RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
@@ -260,7 +273,7 @@ mod tests {
         (0..n).map(|_| rng.random_range(-1.0..1.0)).collect()
     }
 
-    /// The definition, in the same order of summation.
+    /// Computes the product from its definition, in the same order of summation.
     fn reference(a: Left<'_>, b: &[f32], k: usize, columns: usize) -> Vec<f32> {
         let mut c = Vec::new();
         for row in 0..a.rows {
@@ -276,7 +289,7 @@ mod tests {
         c
     }
 
-    /// Equality of bits, not closeness: the promise of the module.
+    /// Results equal the definition bit for bit, as the module documents.
     #[test]
     fn every_shape_has_the_bits_of_the_definition() {
         let mut rng = Pcg64Mcg::seed_from_u64(1);

@@ -1,4 +1,4 @@
-//! Policies as ONNX files, to the contract in `docs/training.md`.
+//! Policies as ONNX files that follow the contract in `docs/training.md`.
 //!
 //! | | name | shape | unit |
 //! |---|---|---|---|
@@ -6,16 +6,17 @@
 //! | output | `displacement` | f32\[1, 2\] | m |
 //! | output | `user_scores` | f32\[1, M\] | |
 //!
-//! Normaliser, `tanh` and the scaling to metres are in the graph. `metadata_props` say what the
-//! policy is for ([`Provenance`](firmware_core::policy::Provenance)) and hold a test vector.
+//! The normalizer, `tanh` and the scaling to metres are part of the graph. `metadata_props` say what
+//! the policy was trained for ([`Provenance`](firmware_core::policy::Provenance)) and contain
+//! a test vector.
 
+mod contract;
+mod folded;
+mod metadata;
 mod proto;
 pub mod read;
+mod tensor;
 mod write;
 
+pub use contract::{FORMAT_VERSION, OPSET};
 pub use write::write;
-
-/// Version of the contract, `metadata_props["format_version"]`.
-pub const FORMAT_VERSION: u32 = 1;
-/// ONNX operator set; every operator used is unchanged from 13 to 17 and later.
-pub const OPSET: i64 = 17;

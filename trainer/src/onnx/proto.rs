@@ -1,5 +1,6 @@
-//! The few ONNX messages that a policy needs, declared by hand from `onnx.proto3`: no protoc, no
-//! generated code. `dims` is written unpacked because some readers take nothing else.
+//! The ONNX messages that a policy file contains, declared by hand from `onnx.proto3`, so that the
+//! build needs neither protoc nor generated code. `dims` is written unpacked because some readers do
+//! not accept packed fields.
 
 use prost::Message;
 
@@ -73,13 +74,11 @@ pub(crate) struct Attribute {
     pub(crate) i: i64,
     #[prost(message, optional, tag = "5")]
     pub(crate) t: Option<TensorProto>,
-    #[prost(int64, repeated, packed = "false", tag = "8")]
-    pub(crate) ints: Vec<i64>,
     #[prost(int32, tag = "20")]
     pub(crate) kind: i32,
 }
 
-/// `AttributeProto.AttributeType`.
+/// `INT` of `AttributeProto.AttributeType`.
 pub(crate) const ATTRIBUTE_INT: i32 = 2;
 
 #[derive(Clone, PartialEq, Message)]

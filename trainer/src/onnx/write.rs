@@ -1,9 +1,9 @@
-//! An [`Actor`] as an ONNX graph.
+//! Writes an [`Actor`] as an ONNX file.
 
 use prost::Message;
 
 use super::{
-    FORMAT_VERSION, OPSET,
+    contract::{FORMAT_VERSION, OPSET},
     proto::{
         ATTRIBUTE_INT, Attribute, Dimension, FLOAT, GraphProto, ModelProto, NodeProto,
         OperatorSetId, StringStringEntry, TensorProto, TensorShape, TensorType, TypeProto,
@@ -12,10 +12,10 @@ use super::{
 };
 use crate::actor::{Actor, Dense};
 
-/// ONNX IR version that came with operator set 17.
+/// The ONNX IR version that belongs to operator set 17.
 const IR_VERSION: i64 = 8;
 
-/// The bytes of an `.onnx` file. The same actor gives the same bytes.
+/// Returns the bytes of an `.onnx` file. The same actor always gives the same bytes.
 pub fn write(actor: &Actor) -> Vec<u8> {
     let users = actor.users();
     let mut graph = Graph::default();
@@ -29,11 +29,11 @@ pub fn write(actor: &Actor) -> Vec<u8> {
         x = graph.dense(layer, &x, &format!("hidden{index}"));
         x = graph.node("Relu", &[&x], &format!("hidden{index}.relu"));
     }
-    let u = graph.dense(&rows(last, 0..2), &x, "displacement.linear");
+    let u = graph.dense(&last.rows(0..2), &x, "displacement.linear");
     let a = graph.node("Tanh", &[&u], "displacement.unit");
     let reach = graph.constant("reach_m", &[1, 1], &[actor.reach_m]);
     graph.node("Mul", &[&a, &reach], "displacement");
-    graph.dense(&rows(last, 2..2 + users), &x, "user_scores");
+    graph.dense(&last.rows(2..2 + users), &x, "user_scores");
 
     let model = ModelProto {
         ir_version: IR_VERSION,
@@ -58,6 +58,7 @@ pub fn write(actor: &Actor) -> Vec<u8> {
     model.encode_to_vec()
 }
 
+/// Returns the `metadata_props`.
 fn metadata(actor: &Actor) -> Vec<StringStringEntry> {
     let p = &actor.provenance;
     let test = actor.test_vector();
@@ -93,16 +94,7 @@ fn join(items: impl Iterator<Item = String>) -> String {
     items.collect::<Vec<_>>().join(",")
 }
 
-fn rows(layer: &Dense, range: std::ops::Range<usize>) -> Dense {
-    let n = layer.inputs;
-    Dense {
-        inputs: n,
-        outputs: range.len(),
-        weights: layer.weights[range.start * n..range.end * n].to_vec(),
-        bias: layer.bias[range].to_vec(),
-    }
-}
-
+/// The nodes and constants written so far.
 #[derive(Default)]
 struct Graph {
     nodes: Vec<NodeProto>,

@@ -1,24 +1,27 @@
 use super::*;
 use crate::{
-    fixture::{DIMENSIONS, column, double, every_arch, filled},
-    nn::mlp::reference::{check_gradient, forward},
+    fixture::{DIMENSIONS, column, double, filled},
+    nn::{
+        arch::every_arch,
+        reference::{check_gradient, forward},
+    },
 };
 
-/// eq:Q, target included, from its definition in double precision.
+/// Compares eq:Q, including its target, with its definition in double precision.
 #[test]
 fn the_critic_loss_and_its_gradient_match_finite_differences() {
     let (mut sac, replay, mut rng) = filled::<Sac>();
     replay.sample(&mut rng, &mut sac.batch);
     sac.evaluate_bellman_target(&mut rng);
     let (n, width, users) = (sac.batch.len, sac.batch.width, DIMENSIONS.users);
-    let noise = sac.draw.noise.clone();
+    let noise = sac.sample.noise.clone();
     let policy = sac.state.policy.network.clone();
     for s in 0..n {
         let next = column(&sac.batch.next_observation, width, s);
         let output = forward(&policy, &double(&policy), &next);
         let epsilon = [noise[s], noise[width + s]].map(f64::from);
         let allowed = sac.batch.next_admissible[s];
-        let (a, log_density, p) = head::reference::draw(&output, epsilon, allowed);
+        let (a, log_prob, p) = head::reference::sample(&output, epsilon, allowed);
         let input: Vec<f64> = next.iter().chain(&a).copied().collect();
         let q = sac
             .state
@@ -26,7 +29,7 @@ fn the_critic_loss_and_its_gradient_match_finite_differences() {
             .each_ref()
             .map(|t| forward(t, &double(t), &input));
         let least: Vec<f64> = (0..users).map(|m| q[0][m].min(q[1][m])).collect();
-        let counted = f64::from(sac.batch.next_choice[s]) * log_density;
+        let counted = f64::from(sac.batch.next_entropy_mask[s]) * log_prob;
         let cost = head::reference::cost(counted, &p, &least, [0.1, 0.1]);
         let target = f64::from(sac.batch.reward[s]) - 0.9 * f64::from(sac.batch.follows[s]) * cost;
         assert!((f64::from(sac.target[s]) - target).abs() < 1e-4);
@@ -50,7 +53,8 @@ fn the_critic_loss_and_its_gradient_match_finite_differences() {
     }
 }
 
-/// eq:pi, through the reparameterised displacement and the exact sum over users.
+/// Compares eq:pi with finite differences, through the reparameterized displacement and the exact
+/// sum over users.
 #[test]
 fn the_policy_loss_and_its_gradient_match_finite_differences() {
     let (mut sac, replay, mut rng) = filled::<Sac>();
@@ -68,15 +72,15 @@ fn the_policy_loss_and_its_gradient_match_finite_differences() {
         let cost = |s: usize| {
             let state = column(&sac.batch.observation, width, s);
             let output = forward(&network, parameters, &state);
-            let epsilon = [sac.draw.noise[s], sac.draw.noise[width + s]].map(f64::from);
+            let epsilon = [sac.sample.noise[s], sac.sample.noise[width + s]].map(f64::from);
             let allowed = sac.batch.admissible[s];
-            let (a, log_density, p) = head::reference::draw(&output, epsilon, allowed);
+            let (a, log_prob, p) = head::reference::sample(&output, epsilon, allowed);
             let input: Vec<f64> = state.iter().chain(&a).copied().collect();
             let q = critics
                 .each_ref()
                 .map(|(network, p)| forward(network, p, &input));
             let least: Vec<f64> = (0..users).map(|m| q[0][m].min(q[1][m])).collect();
-            let counted = f64::from(sac.batch.choice[s]) * log_density;
+            let counted = f64::from(sac.batch.entropy_mask[s]) * log_prob;
             head::reference::cost(counted, &p, &least, [0.1, 0.1])
         };
         (0..n).map(cost).sum::<f64>() / n as f64
@@ -86,7 +90,7 @@ fn the_policy_loss_and_its_gradient_match_finite_differences() {
     check_gradient(network.parameters(), gradient, 400, reference);
 }
 
-/// eq:beta: the temperature falls while there is more entropy than asked for.
+/// The temperature falls while the entropy is above its target (eq:beta).
 #[test]
 fn temperatures_move_towards_their_target_entropy() {
     for (target, falls) in [(-9.0, true), (3.0, false)] {
@@ -103,10 +107,10 @@ fn temperatures_move_towards_their_target_entropy() {
     }
 }
 
-/// The gradient of eq:beta itself, over `ln beta`.
+/// Compares the gradient of eq:beta over `ln alpha` with finite differences.
 #[test]
 fn the_temperature_gradient_is_the_derivative_of_its_loss() {
-    let loss = |log_beta: f64, surplus: f64| log_beta.exp() * surplus;
+    let loss = |log_alpha: f64, surplus: f64| log_alpha.exp() * surplus;
     for (initial, surplus) in [(0.1_f32, 0.7_f32), (2.0, -1.3)] {
         let log = f64::from(crate::nn::ln(initial));
         let h = 1e-6;
@@ -115,12 +119,12 @@ fn the_temperature_gradient_is_the_derivative_of_its_loss() {
         let mut temperature = Temperature::new(initial);
         temperature.descend(Arch::new(), 1e-3, surplus);
         // Adam's first step has the learning rate's size, against the gradient.
-        let moved = f64::from(temperature.log) - log;
+        let moved = f64::from(temperature.log_alpha) - log;
         assert!((moved + 1e-3 * numeric.signum()).abs() < 1e-5);
     }
 }
 
-/// The same bits whatever vector instructions there are, and twice with the same.
+/// Results are the same bits with every set of vector instructions.
 #[test]
 fn same_seed_same_bytes_with_any_vector_instructions() {
     let run = |arch: Arch| {
@@ -132,12 +136,12 @@ fn same_seed_same_bytes_with_any_vector_instructions() {
             observation: vec![0.25; DIMENSIONS.observation * padded(1)],
             admissible: vec![0b1011; padded(1)],
         };
-        let mut choices = [Choice::default()];
+        let mut actions = [Action::default()];
         for _ in 0..60 {
-            sac.explore(&states, &mut rng, &mut choices);
+            sac.explore(&states, &mut rng, &mut actions);
             sac.learn(&replay, &mut rng);
         }
-        (sac.state.clone(), sac.losses, choices)
+        (sac.state.clone(), sac.losses, actions)
     };
     let plain = run(Arch::Scalar);
     for arch in every_arch() {
