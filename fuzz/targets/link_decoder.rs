@@ -11,7 +11,7 @@ use firmware_core::{
     link::{self, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION},
     policy::StraightLine,
 };
-use host_sim::scenario::Scenario;
+use scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
 
 type HostMessage = Message<f64, USERS_MAX, SENSORS_MAX>;

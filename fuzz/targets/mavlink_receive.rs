@@ -13,7 +13,9 @@ use firmware_core::{
     policy::StraightLine,
     time::{Duration, Instant},
 };
-use host_sim::{flight::autopilot_settings, scenario::Scenario, vehicle::Profile};
+use scenario::Scenario;
+use vehicle::Profile;
+use host_sim::flight::autopilot_settings;
 use libfuzzer_sys::fuzz_target;
 use mavlink::{Message, dialects::common::MavMessage};
 

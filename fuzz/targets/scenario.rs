@@ -1,7 +1,7 @@
 //! The text of a scenario. What is accepted survives being written and read again.
 #![no_main]
 
-use host_sim::scenario::Scenario;
+use scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {

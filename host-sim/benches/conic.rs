@@ -7,7 +7,8 @@ use firmware_core::{
     controller::ChannelState,
     inner::{SlotLimits, alternating::Settings},
 };
-use host_sim::{conic, scenario::Scenario};
+use reference::conic;
+use scenario::Scenario;
 
 fn slot(criterion: &mut Criterion) {
     let scenario = Scenario::shipped("separated").expect("shipped");

@@ -13,13 +13,16 @@ use std::{fmt::Write as _, fs, hint::black_box, path::PathBuf, time::Instant};
 
 use anyhow::{Context, Error, Result, ensure};
 use clap::Parser;
+use figures::document;
 use firmware_core::{
     Position, PowerGain, SENSORS_MAX, Watt,
     inner::{SlotLimits, Workspace, alternating},
 };
-use host_sim::{conic, document, scenario::Scenario, solve::Problem};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use reference::conic;
+use reference::solve::Problem;
+use scenario::Scenario;
 use serde::Deserialize;
 
 /// Compares the solvers of the slot problem.

@@ -9,7 +9,7 @@ use firmware_core::{
 
 use serde::{Deserialize, Serialize};
 
-use crate::scenario::HostMission;
+use scenario::HostMission;
 
 /// A choice as written on the command line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -16,9 +16,9 @@ use firmware_core::time::Duration;
 
 use crate::allocation::Allocation;
 use crate::flight::{self, CONNECT_PATIENCE, FlightSettings, Pace, Peer, ProfileChoice};
-use crate::link::Session;
-use crate::scenario::Scenario;
-use crate::vehicle::{Profile, Vehicle, VehicleSettings};
+use crate::session::Session;
+use scenario::Scenario;
+use vehicle::{Profile, Vehicle, VehicleSettings};
 
 /// What was found.
 #[derive(Clone, Debug, Default)]

@@ -5,8 +5,7 @@
 //! next run with the same `--out`, or `host-sim doctor --restore`, puts the parameters back.
 
 use std::{
-    fs,
-    io::{self, Write},
+    fs, io,
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
 };
@@ -18,11 +17,10 @@ use firmware_core::{
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::{
-    flight::CONNECT_PATIENCE,
-    input,
-    link::{Session, Silence},
-};
+use crate::flight::CONNECT_PATIENCE;
+use crate::session::Session;
+use files::{input, output};
+use link::Silence;
 
 /// The name of the file beside a run's report.
 pub const FILE_NAME: &str = "parameters.journal.json";
@@ -172,13 +170,9 @@ impl ParameterJournal {
 
     /// Writes the file so that a crash leaves the old one or the new one.
     fn save(&self) -> io::Result<()> {
-        let partial = self.path.with_extension("json.partial");
         let mut json = serde_json::to_vec_pretty(&self.contents)?;
         json.push(b'\n');
-        let mut file = fs::File::create(&partial)?;
-        file.write_all(&json)?;
-        file.sync_all()?;
-        fs::rename(&partial, &self.path)
+        output::write(&self.path, &json)
     }
 }
 

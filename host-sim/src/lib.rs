@@ -1,41 +1,34 @@
-//! Everything around the onboard controller: scenarios, the world and its signals, the vehicle,
-//! links, flights, reports. Flight logic itself lives in [`firmware_core`] and is only called
-//! from here.
+//! The simulator around the onboard controller: the world and its signals, flights, records,
+//! reports and the command line. Flight logic is in [`firmware_core`] and is only called from here.
 //!
-//! | room | what it owns |
+//! | module | what it owns |
 //! |---|---|
-//! | [`scenario`] | missions as TOML files |
 //! | [`world`], [`nomographic`] | true channels, the signals themselves, what sensors measure |
-//! | [`vehicle`] | the built-in vehicle: a MAVLink endpoint around a simulated body |
 //! | [`flight`] | one mission, world to vehicle and back, in one loop |
-//! | [`bound`] | the most that any mission can carry, certified |
-//! | [`search`] | a mission that comes close to it |
+//! | [`session`], [`doctor`], [`upload`], [`watch`] | a client that talks to an autopilot and flies nothing |
+//! | [`serve`] | the built-in vehicle as a process of its own |
 //! | [`policy`] | the policies that can be named on a command line |
-//! | [`record`] | what a flight leaves behind |
+//! | [`record`], [`report`] | what a flight leaves behind, and its pages |
 //! | [`journal`] | what is changed in a vehicle and not put back yet |
-//! | [`document`] | tables that commands write into documents |
-//! | [`experiment`] | the figures of the paper |
+//! | [`experiment`], [`benchmark`] | the figures of the paper; policies on many missions |
+//!
+//! Scenarios, the bound and the search, vehicles, links and reference solvers are crates of their
+//! own: `scenario`, `planning`, `vehicle`, `link`, `reference`, and the kit of
+//! figures and pages: `figures`.
 
 pub mod allocation;
 pub mod benchmark;
-pub mod bound;
-pub mod conic;
 pub mod doctor;
-pub mod document;
 pub mod experiment;
 pub mod flight;
-pub mod input;
 pub mod interrupt;
 pub mod journal;
-pub mod link;
 pub mod nomographic;
-pub mod planner;
 pub mod policy;
 pub mod record;
 pub mod report;
-pub mod scenario;
-pub mod search;
-pub mod solve;
+pub mod serve;
+pub mod session;
 pub mod upload;
-pub mod vehicle;
+pub mod watch;
 pub mod world;

@@ -15,7 +15,7 @@
 //! `mean` and `deviation` are those of all measurements of the mission: statistics that a
 //! network knows beforehand.
 
-use crate::scenario::Function;
+use scenario::Function;
 
 /// `psi` and `Xi` for one mission.
 #[derive(Clone, Debug, PartialEq)]

@@ -13,12 +13,11 @@ use firmware_core::{
     policy::{Action, FixedPosition, Observation, Policy, Provenance, StraightLine, mlp::Mlp},
 };
 
-use crate::{
-    bound, input,
-    planner::{self, HostPlanner, PlanProgress},
-    scenario::Scenario,
-    search::SearchPolicy,
-};
+use files::input;
+use planning::bound;
+use planning::planner::{self, HostPlanner, PlanProgress};
+use planning::search::SearchPolicy;
+use scenario::Scenario;
 
 /// Who decides, as named.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

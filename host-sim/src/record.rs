@@ -12,7 +12,7 @@ use firmware_core::{
 };
 use serde::Serialize;
 
-use crate::scenario::Scenario;
+use scenario::Scenario;
 
 /// A flown mission.
 #[derive(Clone, Debug)]

@@ -9,12 +9,14 @@ use firmware_core::autopilot::mission::{
     Ending, Left, MissionPlan, MissionUpload, PlanError, SPACE_PATIENCE, UploadError,
 };
 use firmware_core::autopilot::preflight::PreflightRefusal;
-use firmware_core::autopilot::{Autopilot, Event, Finding, Phase};
+use firmware_core::autopilot::{Autopilot, Event, Finding, Obstacle, Phase};
 use firmware_core::time::{Duration, Instant};
 use thiserror::Error;
 
 use crate::flight::{CONNECT_PATIENCE, WrongProfile, is_notable};
-use crate::link::{Session, Silence};
+use crate::session::Session;
+use crate::watch::{Seen, WatchError, watch};
+use link::Silence;
 
 /// What is handed over.
 #[derive(Clone, Debug)]
@@ -27,6 +29,8 @@ pub struct Upload<'a> {
     pub ending: Ending,
     /// Fly it as soon as it is there.
     pub start: bool,
+    /// Follow it to its end, and put parameters back then.
+    pub watch: bool,
     /// How long to wait for an autopilot, and for it to be ready where the mission is started.
     pub patience: Duration,
 }
@@ -71,6 +75,9 @@ pub enum FailedUpload {
         /// What the autopilot has now.
         left: Left,
     },
+    /// It was started and not followed to its end.
+    #[error("{0}")]
+    Watch(#[from] WatchError),
 }
 
 fn what_is_left(left: Left) -> &'static str {
@@ -128,6 +135,8 @@ fn take_events(
                 progress(Progress::Note(format!("{left}; set it by hand")));
                 continue;
             }
+            // The phases are those of a flight by setpoints, which this is not.
+            Event::Phase(_) | Event::Waiting(Obstacle::AlreadyArmed) => continue,
             _ if !is_notable(&event) => continue,
             _ => {}
         }
@@ -150,10 +159,12 @@ impl Upload<'_> {
     ///
     /// Where the client's settings have it set parameters, they are set before the transfer. They
     /// stay set when the mission is there, as it is flown after this has returned, and a note says
-    /// what they were; after a failure they are put back.
+    /// what they were; after a failure, and after a flight that was followed until the motors
+    /// stopped, they are put back.
     ///
     /// # Errors
-    /// Nobody answers, the autopilot is not ready to start, or it does not take the mission.
+    /// Nobody answers, the autopilot is not ready to start, it does not take the mission, or the
+    /// flight was not followed to its end.
     pub fn run(
         &self,
         session: &mut Session,
@@ -164,18 +175,24 @@ impl Upload<'_> {
         let mut changed = Changed::new();
         let outcome = self.connect_and_transfer(session, client, stop, &mut changed, &mut progress);
         take_events(client, &mut changed, &mut progress);
-        match &outcome {
-            Ok(_) if !changed.is_empty() => {
-                let old: Vec<String> = changed
-                    .iter()
-                    .map(|(name, from)| format!("{name} {from}"))
-                    .collect();
-                progress(Progress::Note(format!(
-                    "the parameters stay set, for the mission flies with them; they were: {}",
-                    old.join(", ")
-                )));
+        if let Ok(items) = outcome
+            && self.watch
+        {
+            let followed = watch(session, client, items, stop, |seen| {
+                progress(match seen {
+                    Seen::Item(done) => Progress::Items { done, count: items },
+                    Seen::Event(words) => Progress::Note(words),
+                });
+            });
+            if client.is_armed() {
+                say_what_stays(&changed, &mut progress);
+            } else {
+                put_back(session, client, &mut changed, &mut progress)?;
             }
-            Ok(_) => {}
+            return Ok(followed.map(|()| items)?);
+        }
+        match &outcome {
+            Ok(_) => say_what_stays(&changed, &mut progress),
             Err(_) => put_back(session, client, &mut changed, &mut progress)?,
         }
         outcome
@@ -277,7 +294,23 @@ impl Upload<'_> {
     }
 }
 
-/// After a failure: parameters that were set become what they were.
+/// Says what the parameters were that the mission flies with.
+fn say_what_stays(changed: &Changed, progress: &mut impl FnMut(Progress)) {
+    if changed.is_empty() {
+        return;
+    }
+    let old: Vec<String> = changed
+        .iter()
+        .map(|(name, from)| format!("{name} {from}"))
+        .collect();
+    progress(Progress::Note(format!(
+        "the parameters stay set, for the mission flies with them; they were: {}",
+        old.join(", ")
+    )));
+}
+
+/// After a failure, or a flight that was followed to its end: parameters that were set become what
+/// they were.
 fn put_back(
     session: &mut Session,
     client: &mut Autopilot<f64>,

@@ -18,7 +18,8 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use crate::{nomographic::Nomographic, record::SignalRecord, scenario::Scenario};
+use crate::{nomographic::Nomographic, record::SignalRecord};
+use scenario::Scenario;
 
 /// Channel state as the host sends it.
 pub type HostChannelState = ChannelState<f64, USERS_MAX, SENSORS_MAX>;
@@ -212,8 +213,8 @@ fn unit_symbol(random: &mut Pcg64) -> Complex<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::{Topology, generate};
     use firmware_core::{controller::Controller, policy::StraightLine};
+    use scenario::{Topology, generate};
 
     /// The signals agree with the formula: within 4 standard errors over 20,000 symbols in each
     /// of 60 slots (a fixed seed, so this holds or it does not), and 3 for the mission.

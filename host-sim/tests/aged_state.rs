@@ -6,9 +6,9 @@ use firmware_core::{
     controller::{ChannelSource, ChannelState, Controller},
     policy::StraightLine,
 };
-use host_sim::scenario::Scenario;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use scenario::Scenario;
 
 /// A mission in which each state is lost with this probability.
 struct Row {

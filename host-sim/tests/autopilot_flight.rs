@@ -7,7 +7,7 @@ use firmware_core::Position;
 use firmware_core::autopilot::{Coordinates, Phase};
 use firmware_core::time::Duration;
 use flight::{SLOT, ready, zigzag};
-use host_sim::vehicle::Profile;
+use vehicle::Profile;
 
 #[test]
 fn the_ideal_vehicle_is_at_every_waypoint_at_the_slots_end() {

@@ -7,12 +7,12 @@ use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
 use firmware_core::autopilot::{Coordinates, Leg, Phase, Settings};
 use firmware_core::time::{Duration, Instant};
 use flight::{ALTITUDE_M, Flight, SLOT, ready};
-use host_sim::vehicle::{Ability, Airframe, FlightMode, Profile, Vehicle, VehicleSettings};
 use mavlink::dialects::common::{
     COMMAND_LONG_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavFrame, MavMessage,
     MavResult, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use nalgebra::Vector2;
+use vehicle::{Ability, Airframe, FlightMode, Profile, Vehicle, VehicleSettings};
 
 /// Parameters that allow 30 m/s.
 fn fast(profile: Profile) -> Vec<(String, f32)> {

@@ -6,12 +6,12 @@ use firmware_core::{policy::StraightLine, time::Duration};
 use host_sim::{
     allocation::Allocation,
     flight::{FlightSettings, Pace, Peer, fly, vehicle_settings},
-    link::lossy::Impairment,
     record::{FlightRecord, Summary},
-    scenario::Scenario,
-    vehicle::{Profile, Vehicle},
 };
+use link::lossy::Impairment;
 use rayon::prelude::*;
+use scenario::Scenario;
+use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> FlightRecord {
     let settings = FlightSettings {

@@ -8,9 +8,9 @@ use host_sim::{
         board::{Twin, fly, order},
     },
     record::FlightRecord,
-    scenario::Scenario,
-    vehicle::{Profile, Vehicle},
 };
+use scenario::Scenario;
+use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario) -> FlightRecord {
     let settings = FlightSettings {

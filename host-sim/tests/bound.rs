@@ -7,13 +7,12 @@ use firmware_core::{
     mission::{Area, MissionParameters},
     shield::{Fairness, Intervention, ReachableSet, admissible_waypoint},
 };
-use host_sim::{
-    bound::{Bound, BoundError, Settings, certify},
-    scenario::{HostMission, Scenario},
-    search::{PlaceRates, SearchPolicy},
-};
+use planning::bound::{Bound, BoundError, Settings, certify};
+use planning::search::SearchPolicy;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use scenario::PlaceRates;
+use scenario::{HostMission, Scenario};
 
 fn shipped(name: &str) -> HostMission {
     Scenario::shipped(name).expect("a shipped scenario").mission

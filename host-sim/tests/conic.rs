@@ -4,12 +4,10 @@ use firmware_core::{
     PowerGain, Watt, aircomp,
     inner::{PrefixSum, SensorField, SlotLimits, Solution, alternating},
 };
-use host_sim::{
-    conic::{self, Outcome, Report},
-    solve::Problem,
-};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use reference::conic::{self, Outcome, Report};
+use reference::solve::Problem;
 
 fn limits(problem: &Problem) -> SlotLimits<f64> {
     SlotLimits {

@@ -7,16 +7,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use host_sim::{
-    bound,
-    experiment::{
-        Experiment, Laboratory, Settings,
-        cell::{Cell, Learner, Topology, Training},
-        laboratory::{BOUNDS, BoundRow},
-        report, table,
-        totals::{Approach, TotalRow},
-    },
+use host_sim::experiment::{
+    Experiment, Laboratory, Settings,
+    cell::{Cell, Learner, Topology, Training},
+    laboratory::{BOUNDS, BoundRow},
+    report, table,
+    totals::{Approach, TotalRow},
 };
+use planning::bound;
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

@@ -7,8 +7,8 @@ use firmware_core::autopilot::failsafe::Cause;
 use firmware_core::autopilot::{Geofence, Leg, Phase};
 use firmware_core::time::{Duration, Instant};
 use flight::{Flight, SLOT, ready, start};
-use host_sim::vehicle::{FlightMode, Profile};
 use mavlink::dialects::common::{MavCmd, MavMessage};
+use vehicle::{FlightMode, Profile};
 
 const LANDING: Duration = Duration::from_secs(60);
 

@@ -6,8 +6,8 @@ use firmware_core::Position;
 use firmware_core::autopilot::Phase;
 use firmware_core::time::Duration;
 use flight::{Flight, SLOT, start};
-use host_sim::link::lossy::Faults;
-use host_sim::vehicle::Profile;
+use link::lossy::Faults;
+use vehicle::Profile;
 
 struct Outcome {
     /// Legs whose end was not confirmed in time.

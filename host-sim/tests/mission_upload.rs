@@ -10,11 +10,11 @@ use firmware_core::autopilot::mission::{
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
 use firmware_core::time::{Duration, Instant};
 use flight::{origin, zigzag};
-use host_sim::link::lossy::{Channel, Faults};
-use host_sim::vehicle::{FlightMode, Profile, Vehicle};
+use link::lossy::{Channel, Faults};
 use mavlink::dialects::common::{
     MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult,
 };
+use vehicle::{FlightMode, Profile, Vehicle};
 
 const OWN: Address = Address {
     system: 255,

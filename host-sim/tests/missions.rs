@@ -9,12 +9,12 @@ use host_sim::{
     allocation::Allocation,
     flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
     record::{FlightEvent, FlightRecord},
-    scenario::Scenario,
-    vehicle::{Pauses, Profile, Vehicle},
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
+use scenario::Scenario;
+use vehicle::{Pauses, Profile, Vehicle};
 
 fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
     FlightSettings {

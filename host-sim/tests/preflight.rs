@@ -16,9 +16,9 @@ use host_sim::flight::{
     FlightError, FlightSettings, Pace, Peer, ProfileChoice, autopilot_settings, fly,
     vehicle_settings,
 };
-use host_sim::scenario::Scenario;
-use host_sim::vehicle::{FlightMode, Profile, Vehicle, VehicleSettings};
 use mavlink::dialects::common::{MavCmd, MavMessage};
+use scenario::Scenario;
+use vehicle::{FlightMode, Profile, Vehicle, VehicleSettings};
 
 /// An older PX4 has no CURRENT_MODE: it is asked once, and the log says for what.
 #[test]

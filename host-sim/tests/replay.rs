@@ -14,11 +14,11 @@ use firmware_core::autopilot::frames::Geodetic;
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
 use firmware_core::autopilot::{Autopilot, Event, Leg, Phase, Sample, Settings};
 use firmware_core::time::{Duration, Instant};
-use host_sim::vehicle::{Profile, Vehicle, VehicleSettings};
 use mavlink::dialects::common::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, GPS_GLOBAL_ORIGIN_DATA, MavCmd, MavMessage, MavParamType,
     MavResult, PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
+use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const TICK: Duration = Duration::from_millis(10);
 const SLOT: Duration = Duration::from_secs(1);

@@ -14,11 +14,11 @@ use host_sim::{
     allocation::Allocation,
     flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
     journal::{FILE_NAME, ParameterJournal},
-    link::Link,
     record::{FlightEvent, FlightRecord},
-    scenario::Scenario,
-    vehicle::{FlightMode, Profile, Vehicle},
 };
+use link::Link;
+use scenario::Scenario;
+use vehicle::{FlightMode, Profile, Vehicle};
 
 /// So many seconds of flight in a second.
 const SPEED: f64 = 20.0;

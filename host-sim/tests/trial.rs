@@ -7,7 +7,7 @@ use firmware_core::autopilot::preflight::PreflightRefusal;
 use firmware_core::autopilot::{Phase, failsafe::Cause};
 use firmware_core::time::Duration;
 use flight::{Flight, settings, start, vehicle};
-use host_sim::vehicle::{Airframe, Profile};
+use vehicle::{Airframe, Profile};
 
 /// A client that may set parameters, for a mission that needs this speed, and an airframe: flown
 /// until the first slot may begin, or to the end.

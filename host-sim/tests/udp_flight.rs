@@ -1,4 +1,4 @@
-//! The client and `vehicle::serve` over real UDP, five times as fast as real time.
+//! The client and `host_sim::serve` over real UDP, five times as fast as real time.
 
 mod flight;
 
@@ -9,8 +9,9 @@ use std::time::Duration;
 use firmware_core::autopilot::{Autopilot, Leg, LegEnd, Phase, Settings};
 use firmware_core::time::Instant;
 use flight::{ALTITUDE_M, SLOT, SPEED_MPS, free_port, origin, start, zigzag};
-use host_sim::link::{LinkAddress, Port};
-use host_sim::vehicle::{Profile, Vehicle, VehicleSettings, serve};
+use host_sim::serve::serve;
+use link::{LinkAddress, Port};
+use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const SPEED: f64 = 5.0;
 

@@ -13,9 +13,11 @@ use firmware_core::autopilot::wire::signing::SigningKey;
 use firmware_core::time::Duration;
 use flight::{free_port, zigzag};
 use host_sim::doctor::{Diagnosis, examine};
-use host_sim::link::{LinkAddress, Port, Session, tlog};
+use host_sim::serve::serve;
+use host_sim::session::Session;
 use host_sim::upload::{FailedUpload, Progress, Upload};
-use host_sim::vehicle::{Profile, Vehicle, VehicleSettings, serve};
+use link::{LinkAddress, Port, tlog};
+use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const SPEED: f64 = 20.0;
 
@@ -119,6 +121,7 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
         speed_mps: 30.0,
         ending: Ending::Land,
         start: false,
+        watch: false,
         patience: Duration::from_secs(60),
     };
     let mut notes = vec![];
@@ -140,6 +143,52 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
     assert!(notes.contains(old), "{notes}");
     let diagnosis = diagnose(&process, Profile::ArduCopter, None, 60);
     assert!(diagnosis.slows.is_empty(), "{diagnosis}");
+}
+
+/// Followed to its end, and parameters are as they were; one that is broken off by a pilot who lands
+/// says where.
+#[test]
+fn an_uploaded_mission_is_followed_to_its_end() {
+    for profile in [Profile::ArduCopter, Profile::Px4] {
+        let mut settings = flight::vehicle(profile);
+        settings.ready_after = Duration::from_secs(2);
+        let process = Process::start(settings);
+        let (mut session, client) = process.visit(profile, None);
+        let settings = firmware_core::autopilot::Settings {
+            set_parameters: true,
+            ..*client.settings()
+        };
+        let mut client = Autopilot::new(settings).unwrap();
+        let waypoints = zigzag();
+        let upload = Upload {
+            waypoints: &waypoints,
+            speed_mps: 30.0,
+            ending: Ending::Land,
+            start: true,
+            watch: true,
+            patience: Duration::from_secs(60),
+        };
+        let (mut notes, mut items) = (vec![], vec![]);
+        let go_on = AtomicBool::new(false);
+        let count = upload
+            .run(
+                &mut session,
+                &mut client,
+                &go_on,
+                |progress| match progress {
+                    Progress::Note(words) => notes.push(words),
+                    Progress::Items { done, .. } => items.push(done),
+                },
+            )
+            .unwrap();
+        assert!(items.iter().any(|&done| done + 2 >= count), "{items:?}");
+        let notes = notes.join("\n");
+        assert!(notes.contains("disarmed"), "{notes}");
+        assert!(!notes.contains("stay set"), "{notes}");
+        let set = notes.matches(" set from ").count();
+        assert!(set > 2, "{notes}");
+        assert_eq!(notes.matches(" put back to ").count(), set, "{notes}");
+    }
 }
 
 #[test]
@@ -190,6 +239,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
             speed_mps: 10.0,
             ending: Ending::Return,
             start: true,
+            watch: false,
             patience: Duration::from_secs(60),
         };
         let go_on = AtomicBool::new(false);

@@ -9,9 +9,9 @@
 use std::{hint::black_box, time::Instant};
 
 use environment::{Action, Environment};
-use host_sim::scenario::Scenario;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use scenario::Scenario;
 use trainer::{
     ddpg::Ddpg,
     learner::Learner,

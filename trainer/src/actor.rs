@@ -8,9 +8,9 @@ use firmware_core::policy::{
     Provenance,
     mlp::{self, Header},
 };
-use host_sim::scenario::Scenario;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
+use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 
 use crate::{nn::Mlp, settings::Settings};

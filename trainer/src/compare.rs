@@ -5,11 +5,9 @@ use std::{fmt::Write as _, path::Path};
 
 use anyhow::{Context, bail, ensure};
 use firmware_core::policy::{StraightLine, mlp::Mlp};
-use host_sim::{
-    allocation::Allocation,
-    bound,
-    scenario::{HostMission, Scenario},
-};
+use host_sim::allocation::Allocation;
+use planning::bound;
+use scenario::{HostMission, Scenario};
 
 use crate::{
     evaluate::fly,

@@ -6,7 +6,8 @@ use firmware_core::{
     controller::{ChannelState, Controller},
     policy::Policy,
 };
-use host_sim::{allocation::Allocation, scenario::HostMission};
+use host_sim::allocation::Allocation;
+use scenario::HostMission;
 use serde::{Deserialize, Serialize};
 
 /// The result of an evaluation flight.

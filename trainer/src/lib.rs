@@ -18,7 +18,6 @@
 #![deny(missing_docs)]
 
 pub mod actor;
-pub mod atomic_file;
 pub mod card;
 pub mod checkpoint;
 pub mod compare;

@@ -17,9 +17,10 @@
 use std::{fmt::Write as _, io, path::Path};
 
 use environment::Episode;
+use files::output;
 use serde::{Deserialize, Serialize};
 
-use crate::{atomic_file::write_atomically, learner::Losses};
+use crate::learner::Losses;
 
 /// Accumulates the mean losses of an episode.
 #[derive(Clone, Debug, Default)]
@@ -129,5 +130,5 @@ pub fn write_csv(path: &Path, rows: &[Row]) -> io::Result<()> {
         }
         text.push('\n');
     }
-    write_atomically(path, text.as_bytes())
+    output::write(path, text.as_bytes())
 }

@@ -11,7 +11,7 @@
 use std::{fs, io, path::Path};
 
 use anyhow::{Context, Error, ensure};
-use host_sim::scenario::Scenario;
+use scenario::Scenario;
 
 use crate::checkpoint::{self, Progress};
 

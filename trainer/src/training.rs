@@ -6,14 +6,15 @@ use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use anyhow::{Context, bail, ensure};
 use environment::Environment;
+use files::output;
 use firmware_core::policy::mlp::Mlp;
-use host_sim::{bound, scenario::Scenario};
+use planning::bound;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use scenario::Scenario;
 
 use crate::{
     actor::Actor,
-    atomic_file::write_atomically,
     checkpoint::{self, Checkpoint, Evaluated, Progress},
     evaluate::{Flight, fly},
     learner::Learner,
@@ -83,7 +84,7 @@ impl<L: Learner> Training<L> {
         };
         std::fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
         run::clear(&directory).with_context(|| directory.display().to_string())?;
-        write_atomically(&directory.join(SCENARIO), scenario.to_toml().as_bytes())?;
+        output::write(&directory.join(SCENARIO), scenario.to_toml().as_bytes())?;
         let training = Self::assemble(progress, learner, replay, scenario, directory);
         training.save_settings()?;
         // From here on the directory contains a run that can be resumed.
@@ -217,7 +218,7 @@ impl<L: Learner> Training<L> {
     fn diverged<T>(&self, Divergence { name, value }: Divergence) -> anyhow::Result<T> {
         let path = self.directory.join(DIVERGED);
         let batch = serde_json::to_vec_pretty(self.learner.batch())?;
-        write_atomically(&path, &batch)?;
+        output::write(&path, &batch)?;
         bail!(
             "episode {}: {name} is {value}, beyond loss_limit {}; the batch is in {}",
             self.progress.episode + 1,
@@ -249,7 +250,7 @@ impl<L: Learner> Training<L> {
                 flight: flight.clone(),
             });
             let onnx = onnx::write(&actor);
-            write_atomically(&self.directory.join(POLICY), &onnx)?;
+            output::write(&self.directory.join(POLICY), &onnx)?;
         }
         progress.latest = actor;
         Ok(flight)
@@ -258,7 +259,7 @@ impl<L: Learner> Training<L> {
     fn save_settings(&self) -> anyhow::Result<()> {
         let settings = toml::to_string(&self.progress.settings)?;
         let path = self.directory.join(SETTINGS);
-        write_atomically(&path, settings.as_bytes()).with_context(|| path.display().to_string())
+        output::write(&path, settings.as_bytes()).with_context(|| path.display().to_string())
     }
 
     fn save(&self) -> anyhow::Result<()> {

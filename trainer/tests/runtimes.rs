@@ -6,9 +6,10 @@ use firmware_core::policy::{
     mlp::Mlp,
     onnx::{OnnxError, OnnxPolicy},
 };
-use host_sim::{allocation::Allocation, scenario::Scenario};
+use host_sim::allocation::Allocation;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use scenario::Scenario;
 use trainer::{
     actor::Actor,
     evaluate::fly,

@@ -1,8 +1,9 @@
-//! Sizes of the sections of an image: 32-bit little-endian ELF.
+//! Sizes of the sections of an image.
 
 use std::{fs, path::Path};
 
 use anyhow::{Context, Result, ensure};
+use object::{Object, ObjectSection};
 
 /// Bytes by section.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,38 +26,16 @@ impl Sizes {
     }
 
     fn parse(file: &[u8]) -> Result<Self> {
-        ensure!(
-            file.starts_with(b"\x7fELF\x01\x01"),
-            "no 32-bit little-endian ELF"
-        );
-        let half = |at: usize| -> Result<usize> {
-            let bytes = file.get(at..at + 2).context("cut short")?;
-            Ok(usize::from(u16::from_le_bytes([bytes[0], bytes[1]])))
-        };
-        let word = |at: usize| -> Result<u32> {
-            let bytes = file.get(at..at + 4).context("cut short")?;
-            Ok(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
-        };
-        let (table, entry, count, names) =
-            (word(0x20)? as usize, half(0x2E)?, half(0x30)?, half(0x32)?);
-        let names = word(table + names * entry + 0x10)? as usize;
+        let image = object::File::parse(file)?;
         let mut sizes = Self::default();
-        for section in (0..count).map(|index| table + index * entry) {
-            let name = file
-                .get(names + word(section)? as usize..)
-                .context("cut short")?;
-            let size = word(section + 0x14)?;
-            let is = |wanted: &str| {
-                name.starts_with(wanted.as_bytes()) && name.get(wanted.len()) == Some(&0)
-            };
-            if is(".text") || is(".vector_table") {
-                sizes.text += size;
-            } else if is(".rodata") {
-                sizes.rodata += size;
-            } else if is(".data") {
-                sizes.data += size;
-            } else if is(".bss") || is(".uninit") {
-                sizes.bss += size;
+        for section in image.sections() {
+            let size = u32::try_from(section.size())?;
+            match section.name()? {
+                ".text" | ".vector_table" => sizes.text += size,
+                ".rodata" => sizes.rodata += size,
+                ".data" => sizes.data += size,
+                ".bss" | ".uninit" => sizes.bss += size,
+                _ => {}
             }
         }
         ensure!(sizes.text > 0, "no code");

@@ -1,5 +1,5 @@
 //! Fault schedules against the image in QEMU: its ground link is damaged in every way that
-//! `host_sim::link::faults` knows, beside the twin in this machine's process. An image takes one
+//! `link::faults` knows, beside the twin in this machine's process. An image takes one
 //! order, so each mission has a QEMU of its own; a schedule is some slots of a mission.
 
 use std::{

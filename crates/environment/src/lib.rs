@@ -19,7 +19,7 @@
 //!
 //! ```
 //! use environment::{Action, Environment, EnvironmentSettings};
-//! use host_sim::scenario::Scenario;
+//! use scenario::Scenario;
 //!
 //! let scenario = Scenario::shipped("separated").expect("a shipped scenario");
 //! let mut environment = Environment::new(scenario.mission, &EnvironmentSettings::default());

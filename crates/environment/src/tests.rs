@@ -7,9 +7,9 @@ use firmware_core::{
     controller::{ChannelState, Controller},
     policy::{self, Observation, Policy},
 };
-use host_sim::scenario::{HostMission, Scenario};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use scenario::{HostMission, Scenario};
 
 use crate::{
     action::Action,

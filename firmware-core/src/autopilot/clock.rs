@@ -334,7 +334,6 @@ mod tests {
     }
 
     /// ArduCopter's simulation catches up 100 ms of a stall at most: the rest is lost for good.
-    #[test]
     /// PX4's lost 150 ms beside builds. Small stalls are corrected smoothly.
     #[test]
     fn time_that_the_vehicle_lost_is_known_soon() {

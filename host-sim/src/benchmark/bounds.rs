@@ -4,7 +4,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{bound, scenario::Scenario};
+use planning::bound;
+use scenario::Scenario;
 
 /// The name of the file.
 const FILE_NAME: &str = "bounds.csv";

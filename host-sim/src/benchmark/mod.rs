@@ -19,9 +19,9 @@ use crate::{
     allocation::Allocation,
     flight::{self, FlightSettings, Pace, Peer},
     policy::{HostPolicy, PolicyChoice},
-    scenario::Scenario,
-    vehicle::{Profile, Vehicle},
 };
+use scenario::Scenario;
+use vehicle::{Profile, Vehicle};
 
 pub use bounds::{BoundRecord, Bounds};
 pub use statistics::{PolicyStatistics, statistics};

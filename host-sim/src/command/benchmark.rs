@@ -13,11 +13,11 @@ use clap::Args;
 use host_sim::{
     benchmark::{self, Bounds, Flown, PolicyStatistics, statistics},
     policy::PolicyChoice,
-    scenario::Scenario,
-    vehicle::Profile,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
+use scenario::Scenario;
+use vehicle::Profile;
 
 use super::{Failure, terminal};
 

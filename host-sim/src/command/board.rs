@@ -3,15 +3,15 @@
 use std::{path::Path, str::FromStr, sync::Arc};
 
 use clap::{Args, ValueEnum};
+use files::input;
 use firmware_core::console::{Decider, Footprint};
 use host_sim::{
     flight::board::{Image, Twin, order},
-    input,
-    link::HostPort,
     policy::PolicyChoice,
-    scenario::Scenario,
-    vehicle::Profile,
 };
+use link::HostPort;
+use scenario::Scenario;
+use vehicle::Profile;
 
 use super::Failure;
 

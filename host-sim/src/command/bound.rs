@@ -3,11 +3,9 @@
 use std::io::Write;
 
 use clap::Args;
-use host_sim::{
-    bound::{Bound, Settings, certify},
-    scenario::ScenarioChoice,
-};
 use indicatif::{ProgressBar, ProgressStyle};
+use planning::bound::{Bound, Settings, certify};
+use scenario::ScenarioChoice;
 use serde::Serialize;
 
 use super::Failure;

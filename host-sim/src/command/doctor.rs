@@ -13,15 +13,16 @@ use host_sim::{
     flight::{self, ProfileChoice},
     interrupt,
     journal::{self, ParameterJournal},
-    link::{
-        Link, LinkAddress, Port, Session, key,
-        lossy::{Impaired, Impairment},
-        tlog::{TlogWriter, wall_clock_us},
-    },
     policy::PolicyChoice,
-    scenario::Scenario,
-    vehicle::Profile,
+    session::Session,
 };
+use link::{
+    Link, LinkAddress, Port, key,
+    lossy::{Impaired, Impairment},
+    tlog::{TlogWriter, wall_clock_us},
+};
+use scenario::Scenario;
+use vehicle::Profile;
 
 use super::{Failure, load_policy, load_scenario};
 

@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use files::input;
 use firmware_core::console::Decider;
 use host_sim::{
     allocation::Allocation,
@@ -11,11 +12,10 @@ use host_sim::{
         self, FlightSettings, Pace, Peer,
         board::{Campaign, Image, SLOTS_EACH, Twin, fly, order},
     },
-    input,
-    link::HostPort,
-    scenario::ScenarioChoice,
-    vehicle::{Profile, Vehicle},
 };
+use link::HostPort;
+use scenario::ScenarioChoice;
+use vehicle::{Profile, Vehicle};
 
 use super::Failure;
 

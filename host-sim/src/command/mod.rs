@@ -20,10 +20,10 @@ use std::{
     process::ExitCode,
 };
 
+use ::scenario::Scenario;
 use host_sim::{
     interrupt,
     policy::{HostPolicy, LoadProgress, PolicyChoice},
-    scenario::Scenario,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget};
 

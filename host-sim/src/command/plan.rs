@@ -3,11 +3,9 @@
 use std::{fs, io::Write, path::PathBuf};
 
 use clap::Args;
-use host_sim::{
-    planner::{PlannedMission, ground_control, plan},
-    scenario::ScenarioChoice,
-};
 use indicatif::ProgressBar;
+use planning::planner::{PlannedMission, ground_control, plan};
+use scenario::ScenarioChoice;
 use serde::Serialize;
 
 use super::{Failure, bound::style, terminal};

@@ -11,15 +11,15 @@ use host_sim::{
     },
     interrupt::Presses,
     journal::{self, ParameterJournal},
-    link::{LinkAddress, key, lossy::Impairment},
     policy::PolicyChoice,
     record::{FlightEvent, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
-    scenario::{Scenario, ScenarioChoice},
-    vehicle::{Profile, Vehicle},
     world::SYMBOLS_PER_SLOT,
 };
 use indicatif::{ProgressBar, ProgressStyle};
+use link::{LinkAddress, key, lossy::Impairment};
+use scenario::{Scenario, ScenarioChoice};
+use vehicle::{Profile, Vehicle};
 
 use super::{
     Failure,

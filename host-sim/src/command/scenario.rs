@@ -8,10 +8,8 @@ use std::{
 
 use clap::{Args, Subcommand};
 use firmware_core::{Position, autopilot::frames::MapFrame};
-use host_sim::{
-    flight, report,
-    scenario::{Layout, Scenario, Topology, generate, random},
-};
+use host_sim::report;
+use scenario::{Layout, Scenario, Topology, generate, random};
 
 use super::{Failure, load_scenario};
 
@@ -167,7 +165,7 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
 /// Where on Earth the mission is: an autopilot in simulation is started at its start.
 fn places(scenario: &Scenario) -> String {
     let p = scenario.mission.parameters();
-    let frame = MapFrame::<f64>::new(flight::map_origin(scenario));
+    let frame = MapFrame::<f64>::new(scenario.map_origin());
     let elevation_m = scenario.origin.elevation_m;
     let line = |name: &str, place: Position<f64>| {
         let degrees = frame.to_geodetic(place);

@@ -7,7 +7,7 @@ use std::{
 };
 
 use clap::Args;
-use host_sim::solve::{self, Method, Precision};
+use reference::solve::{self, Method, Precision};
 
 use super::Failure;
 

@@ -8,9 +8,9 @@ use host_sim::{
     interrupt,
     policy::PolicyChoice,
     upload::{Progress, Upload},
-    vehicle::{Profile, Vehicle},
 };
 use indicatif::{ProgressBar, ProgressStyle};
+use vehicle::{Profile, Vehicle};
 
 use super::doctor::AutopilotArguments;
 use super::{Failure, load_policy, load_scenario, terminal};
@@ -35,9 +35,13 @@ pub(crate) struct UploadArguments {
     /// Fly it as soon as it is there: arms the motors and takes off
     #[arg(long)]
     start: bool,
+    /// Follow the flight until the motors stop, with exit code 0 only if the last waypoint was
+    /// reached, and put parameters back then
+    #[arg(long, requires = "start")]
+    watch: bool,
     /// Set the autopilot's parameters that clip the mission's speed. They STAY set, for the mission
-    /// flies after this command has ended; what they were is printed. After a failed upload they
-    /// are put back
+    /// flies after this command has ended; what they were is printed. After a failed upload, and with
+    /// --watch after the flight, they are put back
     #[arg(long)]
     set_params: bool,
 }
@@ -87,6 +91,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
             EndingChoice::Return => Ending::Return,
         },
         start: arguments.start,
+        watch: arguments.watch,
         patience: arguments.autopilot.patience(),
     };
     let stop = interrupt::flag();
@@ -106,10 +111,10 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     bar.finish_and_clear();
     session.flush()?;
     let items = outcome.map_err(Failure::failed)?;
-    let begun = if arguments.start {
-        ", and it flies"
-    } else {
-        ""
+    let begun = match (arguments.start, arguments.watch) {
+        (_, true) => ", and flown to the end",
+        (true, false) => ", and it flies",
+        (false, false) => "",
     };
     println!("{items} mission items uploaded and read back{begun}");
     Ok(())

@@ -4,11 +4,10 @@ use std::{path::PathBuf, str::FromStr};
 
 use clap::Args;
 use firmware_core::time::Duration;
-use host_sim::{
-    flight, interrupt,
-    link::{LinkAddress, key, lossy::Impairment, tlog},
-    vehicle::{Airframe, Profile, Vehicle, serve},
-};
+use host_sim::serve::serve;
+use host_sim::{flight, interrupt};
+use link::{LinkAddress, key, lossy::Impairment, tlog};
+use vehicle::{Airframe, Profile, Vehicle};
 
 use super::doctor::impaired;
 use super::{Failure, load_scenario};

@@ -18,13 +18,13 @@ use super::{
 };
 use crate::{
     allocation::Allocation,
-    bound,
     flight::{self, FlightSettings, Pace, Peer},
     policy::{HostPolicy, PolicyChoice},
     record::FlightRecord,
-    scenario::Scenario,
-    vehicle::{Profile, Vehicle},
 };
+use planning::bound;
+use scenario::Scenario;
+use vehicle::{Profile, Vehicle};
 
 /// What an experiment works with.
 #[derive(Clone, Debug)]

@@ -17,8 +17,11 @@ use super::{
 };
 use crate::{
     allocation::Allocation,
-    document,
     policy::{HostPolicy, PolicyChoice},
+};
+use figures::{
+    document,
+    markup::{Element, element},
 };
 
 /// Draws a figure beside its CSV file, as `NAME.svg`.
@@ -35,54 +38,55 @@ pub fn write_drawing(experiment: Experiment, directory: &Path) -> Result<(), Str
 /// # Errors
 /// A CSV file that is missing, a directory that cannot be written.
 pub fn write_index(directory: &Path) -> Result<(), String> {
-    let mut page = String::from(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>\
-         <meta name=\"viewport\" content=\"width=device-width\"/>\
-         <title>The paper's figures, measured</title><style>\n\
-         body{max-width:68rem;margin:2rem auto;padding:0 1rem;font:16px/1.5 sans-serif}\n\
-         svg{max-width:100%;height:auto;border:1px solid #ddd}\n\
-         h2{margin-top:3rem}dt{margin-top:.8rem}dd{margin-left:1.5rem}\n\
-         b{display:inline-block;min-width:4.5rem}\n\
-         </style></head><body>\n<h1>The paper's figures, measured</h1>\n\
-         <p>Under each drawing: what the paper claims of it, whether these numbers show it, and \
-         the numbers. Drawn and judged from the CSV files beside this page.</p>\n",
-    );
+    let head = element("head")
+        .with(element("meta").set("charset", "utf-8"))
+        .with(
+            element("meta")
+                .set("name", "viewport")
+                .set("content", "width=device-width"),
+        )
+        .with(element("title").text(TITLE))
+        .with(element("style").verbatim(STYLE));
+    let mut body = element("body")
+        .with(element("h1").text(TITLE))
+        .with(element("p").text(
+            "Under each drawing: what the paper claims of it, whether these numbers show it, and \
+             the numbers. Drawn and judged from the CSV files beside this page.",
+        ));
     for experiment in Experiment::ALL {
-        let _ = writeln!(page, "<h2>{}</h2>", escaped(experiment.title()));
-        page += &inline(&experiment.draw(directory)?, experiment.name());
-        page += "<dl>\n";
-        for claim in experiment.claims(directory)? {
-            let Claim {
-                claimed,
-                verdict,
-                measured,
-                reason,
-            } = claim;
-            let _ = writeln!(
-                page,
-                "<dt><b>{verdict}</b> {}</dt><dd>{} {}</dd>",
-                escaped(claimed),
-                escaped(&measured),
-                escaped(reason)
-            );
-        }
-        page += "</dl>\n";
+        body.push(element("h2").text(experiment.title()));
+        body.push(inline(&experiment.draw(directory)?, experiment.name()));
+        let claims = experiment.claims(directory)?.into_iter();
+        body.push(element("dl").with_all(claims.flat_map(entries)));
     }
-    page += "</body></html>\n";
-    table::write_text(&directory.join("index.html"), &page)
+    let page = element("html").set("lang", "en").with(head).with(body);
+    table::write_text(
+        &directory.join("index.html"),
+        &format!("<!DOCTYPE html>\n{page}\n"),
+    )
 }
 
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
+const TITLE: &str = "The paper's figures, measured";
+const STYLE: &str = "body{max-width:68rem;margin:2rem auto;padding:0 1rem;font:16px/1.5 sans-serif}figure{margin:0}\
+                     svg{max-width:100%;height:auto;border:1px solid #ddd}\
+                     h2{margin-top:3rem}dt{margin-top:.8rem}dd{margin-left:1.5rem}\
+                     b{display:inline-block;min-width:4.5rem}";
+
+/// A claim with its verdict, and what was measured.
+fn entries(claim: Claim) -> [Element; 2] {
+    [
+        element("dt")
+            .with(element("b").text(claim.verdict.to_string()))
+            .text(format!(" {}", claim.claimed)),
+        element("dd").text(format!("{} {}", claim.measured, claim.reason)),
+    ]
 }
 
 /// A drawing that shrinks with the page; its size becomes its view.
-fn inline(svg: &str, name: &str) -> String {
+fn inline(svg: &str, name: &str) -> Element {
     let start = svg.find("<svg").unwrap_or(0);
     let label = format!("<svg role=\"img\" aria-label=\"{name}\"");
-    svg[start..].replacen("<svg", &label, 1) + "\n"
+    element("figure").verbatim(svg[start..].replacen("<svg", &label, 1))
 }
 
 /// `docs/results.md` from the CSV files in `directory`.

@@ -15,9 +15,8 @@ use super::{
     rounded,
     totals::Approach,
 };
-use crate::{
-    allocation::Allocation, policy::PolicyChoice, record::FlightRecord, scenario::HostMission,
-};
+use crate::{allocation::Allocation, policy::PolicyChoice, record::FlightRecord};
+use scenario::HostMission;
 
 pub(super) use verdicts::{
     claims_of_approaches, claims_of_data, claims_of_schedule, claims_of_thresholds,

@@ -1,6 +1,6 @@
 //! CSV files in and out, whole or not at all.
 
-use std::{fmt::Display, fs, path::Path};
+use std::{fmt::Display, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -44,16 +44,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
     write_bytes(path, text.as_bytes())
 }
 
-/// Writes beside the file first: whoever looks finds the old file or the new one. Two writers of
-/// one file do not disturb each other.
+/// Writes bytes.
 pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), String> {
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let thread = rayon::current_thread_index().unwrap_or(usize::MAX);
-    let draft = folder.join(format!(".{name}.{}.{thread}", std::process::id()));
-    let written = fs::write(&draft, bytes).and_then(|()| fs::rename(&draft, path));
-    written.map_err(|error| named(path, error))
+    files::output::write(path, bytes).map_err(|error| named(path, error))
 }

@@ -5,7 +5,8 @@ use firmware_core::autopilot::{Autopilot, guidance::Limits, profile::Firmware};
 use thiserror::Error;
 
 use super::autopilot_settings;
-use crate::{scenario::Scenario, vehicle::Profile};
+use scenario::Scenario;
+use vehicle::Profile;
 
 /// The profile that was given is for another autopilot than the one that answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

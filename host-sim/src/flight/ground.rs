@@ -204,12 +204,12 @@ impl Ground {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::{Scenario, Topology, generate};
     use firmware_core::{
         autopilot::Tick,
         controller::{Controller, SlotCommand},
         policy::StraightLine,
     };
+    use scenario::{Scenario, Topology, generate};
 
     fn frame(message: &Message<f64, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
         let mut buffer = [0; FRAME_MAX];

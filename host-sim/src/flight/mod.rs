@@ -23,7 +23,6 @@ use firmware_core::{
     autopilot::{
         self, Autopilot, Event, Finding, Geofence, Phase, SettingsError,
         failsafe::{Cause, Watch},
-        frames::Geodetic,
         preflight::Preflight,
         wire::{
             MAX_FRAME,
@@ -41,12 +40,12 @@ use thiserror::Error;
 use crate::{
     allocation::Allocation,
     journal::ParameterJournal,
-    link::Silence,
     record::{FlightEvent, FlightRecord, PathSample, SlotRecord},
-    scenario::Scenario,
-    vehicle::{Profile, VehicleSettings},
     world::World,
 };
+use link::Silence;
+use scenario::Scenario;
+use vehicle::{Profile, VehicleSettings};
 
 pub use airframe::{ProfileChoice, WrongProfile};
 use clock::Clock;
@@ -273,7 +272,12 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
             ground: Some((slot * GROUND_SLOTS).max(GROUND_PATIENCE)),
             ..Watch::default()
         },
-        ..autopilot::Settings::new(map_origin(scenario), p.start, p.altitude_m, p.max_speed_mps)
+        ..autopilot::Settings::new(
+            scenario.map_origin(),
+            p.start,
+            p.altitude_m,
+            p.max_speed_mps,
+        )
     }
 }
 
@@ -282,19 +286,8 @@ pub fn vehicle_settings(scenario: &Scenario, profile: Profile) -> VehicleSetting
     let start = scenario.mission.parameters().start;
     VehicleSettings {
         elevation_m: scenario.origin.elevation_m,
-        ..VehicleSettings::new(profile, map_origin(scenario), start)
+        ..VehicleSettings::new(profile, scenario.map_origin(), start)
     }
-}
-
-/// Where the map's origin lies on Earth.
-pub fn map_origin(scenario: &Scenario) -> Geodetic {
-    // A scenario's origin has been checked to lie on Earth.
-    Geodetic::from_degrees(scenario.origin.latitude_deg, scenario.origin.longitude_deg).unwrap_or(
-        Geodetic {
-            latitude_e7: 0,
-            longitude_e7: 0,
-        },
-    )
 }
 
 /// A mission under way.

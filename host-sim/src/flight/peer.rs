@@ -19,15 +19,13 @@ use firmware_core::{
 };
 
 use super::Observer;
-use crate::{
-    journal::ParameterJournal,
-    link::{
-        Beside, Link,
-        lossy::{Channel, Impairment},
-        tlog::{SIMULATED_EPOCH_US, TlogWriter, wall_clock_us},
-    },
-    vehicle::Vehicle,
+use crate::journal::ParameterJournal;
+use link::{
+    Beside, Link,
+    lossy::{Channel, Impairment},
+    tlog::{SIMULATED_EPOCH_US, TlogWriter, wall_clock_us},
 };
+use vehicle::Vehicle;
 
 /// How many steps back the built-in vehicle's true position is known: three seconds.
 const TRACK: usize = 300;

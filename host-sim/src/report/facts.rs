@@ -3,13 +3,13 @@
 
 use firmware_core::inner::LimitedBy;
 
-use super::{
+use super::slots_csv;
+use crate::record::{FlightRecord, Summary, Timing};
+use figures::{
     axis::DETAILED_SLOTS_MAX,
     markup::{Element, element},
     quantity::{self, count, decimal, percent, plain, power_unit, significant},
-    slots_csv,
 };
-use crate::record::{FlightRecord, Summary, Timing};
 
 /// Outcome, mission and run in numbers.
 pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {

@@ -11,10 +11,8 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use crate::{
-    record::{FlightRecord, LinkRecord, PathSample, SignalRecord, SlotRecord},
-    scenario::Scenario,
-};
+use crate::record::{FlightRecord, LinkRecord, PathSample, SignalRecord, SlotRecord};
+use scenario::Scenario;
 
 const SYMBOLS: u32 = 334;
 

@@ -3,12 +3,13 @@
 
 use firmware_core::Position;
 
-use super::{
+use crate::record::FlightRecord;
+use figures::{
     axis::{LEFT, RIGHT, Scale, round_step},
     markup::{Element, PathData, element, label, line, rectangle},
     quantity::plain,
 };
-use crate::{record::FlightRecord, scenario::Scenario};
+use scenario::Scenario;
 
 /// Maps of long areas get no higher than this.
 const HEIGHT_MAX: f64 = 560.0;

@@ -2,17 +2,18 @@
 //! coloured by the rate it got there.
 
 use super::{
-    axis::{self, Key, LEFT, RIGHT, WIDTH, round_step},
     ground::{Ground, north},
+    slot_words,
+};
+use crate::record::{FlightRecord, PathSample, SlotRecord};
+use figures::{
+    axis::{self, Key, LEFT, RIGHT, WIDTH, round_step},
     markup::{Element, PathData, circle, element, label, line, rectangle},
     placement::{Align, Placement, Spot},
     quantity::{self, plain, shortened, significant},
-    slot_words, theme,
+    theme,
 };
-use crate::{
-    record::{FlightRecord, PathSample, SlotRecord},
-    scenario::Scenario,
-};
+use scenario::Scenario;
 
 const USER_RADIUS: f64 = 5.0;
 const LABEL_SIZE: f64 = 11.0;

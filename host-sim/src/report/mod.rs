@@ -13,19 +13,14 @@
 //! Users have the numbers of the scenario file and of `slots.csv`, which begin at 0; slots have
 //! the paper's, which begin at 1.
 
-mod axis;
 mod facts;
 mod ground;
 mod map;
-mod markup;
 mod page;
-mod placement;
-mod quantity;
 mod schedule;
 mod series;
 mod slots_csv;
 mod table;
-mod theme;
 
 #[cfg(test)]
 mod fixture;
@@ -34,12 +29,12 @@ mod tests;
 
 use std::{fs, io, path::Path};
 
+use figures::{axis::SlotAxis, quantity};
+use files::output::{self, Draft};
 use firmware_core::inner::LimitedBy;
 
-use crate::{
-    record::{FlightRecord, SlotRecord, Summary},
-    scenario::Scenario,
-};
+use crate::record::{FlightRecord, SlotRecord, Summary};
+use scenario::Scenario;
 
 pub use table::{Look, table};
 
@@ -64,9 +59,7 @@ pub fn prepare(folder: &Path) -> io::Result<()> {
         return Err(named(problem));
     }
     fs::create_dir_all(folder).map_err(named)?;
-    let probe = folder.join(partial(SUMMARY));
-    fs::write(&probe, "").map_err(named)?;
-    fs::remove_file(&probe).map_err(named)?;
+    output::probe(folder).map_err(named)?;
     for file in FILES {
         let path = folder.join(file);
         match fs::remove_file(&path) {
@@ -95,31 +88,17 @@ pub fn write(record: &FlightRecord, folder: &Path) -> io::Result<Summary> {
         ("report.html", html(record, &summary).into_bytes()),
         (SUMMARY, json),
     ];
-    let outcome = publish(folder, &files);
-    if outcome.is_err() {
-        for (file, _) in &files {
-            // Those that were not begun, or have their name already, are not there.
-            let _ = fs::remove_file(folder.join(partial(file)));
-        }
-    }
-    outcome.map(|()| summary)
-}
-
-fn publish(folder: &Path, files: &[(&str, Vec<u8>)]) -> io::Result<()> {
-    for (file, bytes) in files {
-        let path = folder.join(partial(file));
-        fs::write(&path, bytes).map_err(|error| name(&path, error))?;
-    }
-    for (file, _) in files {
+    let drafts = files.iter().map(|(file, bytes)| {
         let path = folder.join(file);
-        fs::rename(folder.join(partial(file)), &path).map_err(|error| name(&path, error))?;
+        Draft::write(&path, bytes).map_err(|error| name(&path, error))
+    });
+    // Complete before the first takes its name; those that do not take one are deleted.
+    let drafts = drafts.collect::<io::Result<Vec<_>>>()?;
+    for (draft, (file, _)) in drafts.into_iter().zip(&files) {
+        let named = |error| name(&folder.join(file), error);
+        draft.publish().map_err(named)?;
     }
-    Ok(())
-}
-
-/// What a file is called until it is whole.
-fn partial(file: &str) -> String {
-    format!(".{file}.partial")
+    Ok(summary)
 }
 
 /// The error with the path that it is about in front.
@@ -180,4 +159,10 @@ fn slot_words(record: &FlightRecord, slot: &SlotRecord) -> String {
         quantity::significant(slot.rate, 4),
         quantity::significant(slot.mse, 4),
     )
+}
+
+/// The axis of all slots of a mission, those included that a flight broken off did not reach.
+fn slot_axis(record: &FlightRecord) -> SlotAxis {
+    let slots = record.scenario.mission.slots() as usize;
+    SlotAxis::new(record.slots.len().max(slots))
 }

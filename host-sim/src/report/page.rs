@@ -3,13 +3,13 @@
 
 use firmware_core::{inner::LimitedBy, shield::Intervention};
 
-use super::{
-    facts, map,
+use super::{facts, map, schedule, series};
+use crate::record::{FlightRecord, Summary};
+use figures::{
     markup::{Element, element},
     quantity::{self, count, decimal, plain, significant},
-    schedule, series, theme,
+    theme,
 };
-use crate::record::{FlightRecord, Summary};
 
 /// The whole page.
 pub(super) fn html(record: &FlightRecord, summary: &Summary) -> String {

@@ -1,18 +1,18 @@
 //! Who was served when, and what everybody got of it.
 
-use super::{
-    axis::{self, Key, LEFT, RIGHT, Scale, SlotAxis, WIDTH},
-    map::cross,
+use super::slot_axis;
+use super::{map::cross, series::bar_width, slot_words};
+use crate::record::FlightRecord;
+use figures::{
+    axis::{self, Key, LEFT, RIGHT, Scale, WIDTH},
     markup::{Element, element, label, line, rectangle},
     quantity::{self, significant},
-    series::bar_width,
-    slot_words, theme,
+    theme,
 };
-use crate::record::FlightRecord;
 
 /// Users as rows, slots as columns, a cell in the colour of the rate for every slot served.
 pub(super) fn strip(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::of(record);
+    let axis = slot_axis(record);
     let limit = record.scenario.mission.slot_rate_limit();
     let users = record.scenario.mission.user_count();
     let row = (220.0 / users as f64).clamp(15.0, 24.0);

@@ -1,21 +1,22 @@
 //! What happened slot by slot, over the slots: rate, MSE, estimate, powers. All share one
 //! horizontal axis, so that figures below one another line up.
 
-use super::{
+use super::map::cross;
+use super::slot_axis;
+use crate::record::{FlightRecord, SlotRecord};
+use figures::{
     axis::{self, Key, LEFT, Panel, RIGHT, Scale, SlotAxis},
-    map::cross,
     markup::{Element, PathData, circle, element, line, rectangle},
     quantity::{percent, plain, power_unit, shortened, significant, unit},
     theme,
 };
-use crate::record::{FlightRecord, SlotRecord};
 
 /// Where legends are.
 const LEGEND_Y: f64 = 12.0;
 
 /// `R_n` against what no position could exceed, `log2(1 / (1 - J Gamma))`.
 pub(super) fn rate(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::of(record);
+    let axis = slot_axis(record);
     let limit = record.scenario.mission.slot_rate_limit();
     let mut keys = vec![
         Key {
@@ -73,7 +74,7 @@ pub(super) fn rate(record: &FlightRecord) -> Element {
 
 /// `MSE_n`, computed and as it came out of the signals drawn, against `Gamma`.
 pub(super) fn mse(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::of(record);
+    let axis = slot_axis(record);
     let threshold = record.scenario.mission.parameters().mse_threshold;
     let mut keys = vec![
         Key {
@@ -131,7 +132,7 @@ pub(super) fn mse(record: &FlightRecord) -> Element {
 /// The wanted function of the measurements and its estimate over the air, in the scenario's
 /// unit; below, the error by itself.
 pub(super) fn estimate(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::of(record);
+    let axis = slot_axis(record);
     let unit = unit(&record.scenario.sensing.unit);
     let keys = vec![
         Key {
@@ -201,7 +202,7 @@ pub(super) fn estimate(record: &FlightRecord) -> Element {
 
 /// What the served user and, on average, a sensor transmitted, each against its maximum.
 pub(super) fn power(record: &FlightRecord) -> Element {
-    let axis = SlotAxis::of(record);
+    let axis = slot_axis(record);
     let p = record.scenario.mission.parameters();
     let keys = vec![
         Key {

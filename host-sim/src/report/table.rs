@@ -3,8 +3,8 @@
 
 use std::io::IsTerminal;
 
-use super::quantity::{self, count, decimal, percent, plain, significant};
 use crate::record::{FlightRecord, Summary};
+use figures::quantity::{self, count, decimal, percent, plain, significant};
 
 /// How to print.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -32,7 +32,7 @@ fn slots_of<'a>(document: &'a roxmltree::Document<'_>, figure: &str) -> HashSet<
 
 /// A mission of this size, with as much room as its destination needs.
 fn scenario(slots: u32, users: usize, sensors: usize, noise_dbm: f64) -> Scenario {
-    use crate::scenario::{Topology, generate};
+    use scenario::{Topology, generate};
     // The destination is 1273 m away: few slots need much speed.
     let speed_mps = 30.0f64.max(1300.0 / f64::from(slots + 1));
     let text = generate(Topology::Mixed, 7, users, sensors)

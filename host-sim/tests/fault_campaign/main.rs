@@ -21,12 +21,10 @@ use firmware_core::{
     time::{Duration, Instant},
 };
 use ground::{Ground, HostCommand, HostMessage, HostMission, HostState, Wanderer, mission};
-use host_sim::{
-    link::faults::{Direction, Fault, FaultyLink, Injected, Schedule},
-    vehicle::{Profile, Vehicle, VehicleSettings},
-};
+use link::faults::{Direction, Fault, FaultyLink, Injected, Schedule};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const MISSIONS: u64 = 100;
 const SCHEDULES: u32 = 100;

@@ -7,9 +7,9 @@ use firmware_core::autopilot::frames::Geodetic;
 use firmware_core::autopilot::wire::{Decoder, Encoder, MAX_FRAME};
 use firmware_core::autopilot::{Autopilot, Leg, LegEnd, Phase, Settings};
 use firmware_core::time::{Duration, Instant};
-use host_sim::link::lossy::{Channel, Faults};
-use host_sim::vehicle::{Profile, Vehicle, VehicleSettings};
+use link::lossy::{Channel, Faults};
 use mavlink::dialects::common::MavMessage;
+use vehicle::{Profile, Vehicle, VehicleSettings};
 
 pub const TICK: Duration = Duration::from_millis(10);
 pub const SLOT: Duration = Duration::from_secs(1);

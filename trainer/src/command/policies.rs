@@ -7,6 +7,7 @@ use std::{
 
 use anyhow::{Context, Error, anyhow};
 use clap::Args;
+use files::input;
 use firmware_core::{
     USERS_MAX,
     policy::{
@@ -14,14 +15,10 @@ use firmware_core::{
         mlp::{self, Mlp},
     },
 };
-use host_sim::{
-    allocation::Allocation,
-    input,
-    policy::foreign_mission,
-    scenario::{Scenario, ScenarioChoice},
-};
+use host_sim::{allocation::Allocation, policy::foreign_mission};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use scenario::{Scenario, ScenarioChoice};
 use serde::Serialize;
 use trainer::{
     checkpoint,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Error};
 use clap::Args;
-use host_sim::document;
+use figures::document;
 use trainer::{
     card,
     compare::{Comparison, References},

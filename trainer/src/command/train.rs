@@ -9,11 +9,9 @@ use std::{
 use anyhow::{Context, Error, anyhow, ensure};
 use clap::Args;
 use environment::Constraints;
-use host_sim::{
-    allocation::Allocation,
-    input,
-    scenario::{Scenario, ScenarioChoice},
-};
+use files::input;
+use host_sim::allocation::Allocation;
+use scenario::{Scenario, ScenarioChoice};
 use trainer::{
     ddpg::Ddpg,
     learner::Learner,

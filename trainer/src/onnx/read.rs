@@ -15,8 +15,8 @@
 use std::{collections::HashMap, path::Path};
 
 use anyhow::{Context, bail, ensure};
+use files::input;
 use firmware_core::{USERS_MAX, policy::Provenance};
-use host_sim::input;
 use prost::Message;
 
 use super::{
@@ -215,9 +215,9 @@ mod tests {
         sac::Sac,
         settings::{Algorithm, Preset, Settings},
     };
-    use host_sim::scenario::Scenario;
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
+    use scenario::Scenario;
 
     /// Returns the error message for a policy file that `spoil` has changed.
     fn refused(spoil: impl Fn(&mut GraphProto)) -> String {

@@ -14,7 +14,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use super::{Board, Image, Round, Twin};
-use crate::link::faults::{Direction, Fault, FaultyLink, Injected, Schedule};
+use link::faults::{Direction, Fault, FaultyLink, Injected, Schedule};
 
 /// Slots of a schedule: faults in all but the last, in which everything must be in order again.
 pub const SLOTS_EACH: u32 = 3;

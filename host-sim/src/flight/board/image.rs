@@ -15,7 +15,7 @@ use firmware_core::{
 };
 
 use super::{Board, Round};
-use crate::link::HostPort;
+use link::HostPort;
 
 /// How long a board may take to be there, and to answer.
 const PATIENCE: WallDuration = WallDuration::from_secs(30);

@@ -27,19 +27,19 @@ use firmware_core::{
 
 use super::{
     CONNECT_PATIENCE, FailedFlight, FlightError, FlightSettings, Ground, Observer, Stopwatch,
-    autopilot_settings, map_origin, outcome_with_record, reason,
+    autopilot_settings, outcome_with_record, reason,
 };
 pub use campaign::{Campaign, SLOTS_EACH, Tally};
 pub use image::Image;
 
 use crate::{
     flight::{Clock, Peer},
-    link::Silence,
     record::{FlightEvent, FlightRecord, PathSample},
-    scenario::Scenario,
-    vehicle::Profile,
     world::World,
 };
+use link::Silence;
+use scenario::Scenario;
+use vehicle::Profile;
 
 /// What a board said in a round.
 #[derive(Debug)]
@@ -85,7 +85,7 @@ pub fn order(scenario: &Scenario, profile: Profile, decider: Decider) -> Order {
     let number = |x: f64| x as f32;
     Order {
         mission: in_single_precision(scenario.mission.parameters()),
-        map_origin: map_origin(scenario),
+        map_origin: scenario.map_origin(),
         limits: Limits {
             speed_mps: number(flight.limits.speed_mps),
             acceleration_mps2: number(flight.limits.acceleration_mps2),

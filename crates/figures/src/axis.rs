@@ -1,0 +1,360 @@
+//! From values to places in a drawing: scales with readable ticks, and the panel that a figure
+//! over slots is drawn in.
+
+use crate::{
+    markup::{Element, element, label, line, rectangle},
+    quantity, theme,
+};
+
+/// The width of every figure, in its own units: about a CSS pixel each on a desktop.
+pub const WIDTH: f64 = 560.0;
+/// Where panels begin and end.
+pub const LEFT: f64 = 66.0;
+/// The right end.
+pub const RIGHT: f64 = WIDTH - 18.0;
+/// Beyond this many slots, figures carry no hover areas, and the page no table of slots.
+pub const DETAILED_SLOTS_MAX: usize = 2_000;
+
+/// Values onto a line, linearly or by their logarithm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    low: f64,
+    high: f64,
+    from_px: f64,
+    to_px: f64,
+    logarithmic: bool,
+}
+
+/// A mark on an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tick {
+    /// Where it is on the axis.
+    pub value: f64,
+    /// What is written beside it.
+    pub label: String,
+}
+
+impl Scale {
+    /// `low..high` onto `from_px..to_px`, linearly.
+    pub fn linear([low, high]: [f64; 2], [from_px, to_px]: [f64; 2]) -> Self {
+        Self {
+            low,
+            high,
+            from_px,
+            to_px,
+            logarithmic: false,
+        }
+    }
+
+    /// A scale that shows all values with some air: logarithmic where they are positive and
+    /// span more than a factor of fifty, from 0 where that is near, else just around them.
+    pub fn around(values: impl Iterator<Item = f64>, range_px: [f64; 2]) -> Self {
+        let (low, high) = values
+            .filter(|value| value.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                (low.min(value), high.max(value))
+            });
+        if low > high {
+            return Self::linear([0.0, 1.0], range_px);
+        }
+        if low > 0.0 && high > 50.0 * low {
+            return Self {
+                logarithmic: true,
+                ..Self::linear([low / 1.5, high * 1.5], range_px)
+            };
+        }
+        let from_zero = low >= 0.0 && low < 0.35 * high;
+        let air = match (high - low) * 0.1 {
+            air if air > 1e-9 * high.abs() => air,
+            _ => high.abs().max(1e-12) * 0.1,
+        };
+        let low = if from_zero { 0.0 } else { low - air };
+        Self::linear([low, high + air], range_px)
+    }
+
+    /// Whether equal steps are equal factors.
+    pub fn is_logarithmic(&self) -> bool {
+        self.logarithmic
+    }
+
+    /// Where a value lies; what lies outside is drawn at the border.
+    pub fn at(&self, value: f64) -> f64 {
+        let share = if self.logarithmic {
+            (value / self.low).ln() / (self.high / self.low).ln()
+        } else {
+            (value - self.low) / (self.high - self.low)
+        };
+        self.from_px + (self.to_px - self.from_px) * theme::within_one(share)
+    }
+
+    /// About this many ticks at round values.
+    pub fn ticks(&self, about: usize) -> Vec<Tick> {
+        if self.logarithmic {
+            return self.decades(about);
+        }
+        let span = self.high - self.low;
+        let mut step = round_step(span / about.max(1) as f64);
+        if span < 2.5 * step {
+            step = round_step(span / (2 * about).max(5) as f64);
+        }
+        let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
+        let first = (self.low / step - 1e-9).ceil() as i64;
+        let last = (self.high / step + 1e-9).floor() as i64;
+        (first..=last)
+            .map(|multiple| {
+                let value = multiple as f64 * step;
+                let label = if (1e-5..1e6).contains(&step) {
+                    quantity::decimal(value, decimals)
+                } else {
+                    quantity::significant(value, 3)
+                };
+                Tick { value, label }
+            })
+            .collect()
+    }
+
+    fn decades(&self, about: usize) -> Vec<Tick> {
+        let first = self.low.log10().ceil() as i32;
+        let last = self.high.log10().floor() as i32;
+        let stride = ((last - first) as usize / about.max(1) + 1).min(100);
+        (first..=last)
+            .step_by(stride)
+            .map(|exponent| Tick {
+                value: 10f64.powi(exponent),
+                label: quantity::power_of_ten(exponent),
+            })
+            .collect()
+    }
+}
+
+/// The next 1, 2 or 5 times a power of ten.
+pub fn round_step(least: f64) -> f64 {
+    let decade = 10f64.powf(least.log10().floor());
+    let multiple = match least / decade {
+        ratio if ratio <= 1.0 + 1e-9 => 1.0,
+        ratio if ratio <= 2.0 + 1e-9 => 2.0,
+        ratio if ratio <= 5.0 + 1e-9 => 5.0,
+        _ => 10.0,
+    };
+    multiple * decade
+}
+
+/// The slots of a mission side by side between [`LEFT`] and [`RIGHT`].
+#[derive(Clone, Copy, Debug)]
+pub struct SlotAxis {
+    /// `N`, at least 1.
+    slots: usize,
+}
+
+impl SlotAxis {
+    /// For this many slots.
+    pub fn new(slots: usize) -> Self {
+        Self {
+            slots: slots.max(1),
+        }
+    }
+
+    /// How wide a slot is.
+    pub fn band(&self) -> f64 {
+        (RIGHT - LEFT) / self.slots as f64
+    }
+
+    /// Where slot `n` begins.
+    pub fn begin(&self, slot: u32) -> f64 {
+        LEFT + (f64::from(slot) - 1.0) * self.band()
+    }
+
+    /// The middle of slot `n`.
+    pub fn middle(&self, slot: u32) -> f64 {
+        self.begin(slot) + self.band() / 2.0
+    }
+
+    /// Whether slot `n` begins a stretch that is wide enough for a mark: where slots are narrower
+    /// than marks, not every slot can have one.
+    pub fn begins_mark(&self, slot: u32) -> bool {
+        let stretch = (5.0 / self.band()).ceil().max(1.0) as u32;
+        slot.saturating_sub(1).is_multiple_of(stretch)
+    }
+
+    /// Ticks, their numbers, and the word below them. `y` is where the panel ends.
+    pub fn draw(&self, y: f64) -> Element {
+        let mut group = element("g");
+        for slot in self.numbered() {
+            let x = self.middle(slot);
+            group.push(line("edge", [x, y], [x, y + 4.0]));
+            group.push(label("tick middle", [x, y + 16.0], slot.to_string()));
+        }
+        group.with(label(
+            "axis middle",
+            [(LEFT + RIGHT) / 2.0, y + 33.0],
+            "slot n",
+        ))
+    }
+
+    /// The slots that get a number: round ones, and the first where there is room.
+    fn numbered(&self) -> Vec<u32> {
+        let step = round_step(self.slots as f64 / 8.0).max(1.0) as usize;
+        let round = (step..=self.slots).step_by(step);
+        let first = (step > 1).then_some(1);
+        first.into_iter().chain(round).map(|n| n as u32).collect()
+    }
+
+    /// What a pointer over a slot says: an invisible column per slot.
+    pub fn hover(
+        &self,
+        [top, bottom]: [f64; 2],
+        slots: impl Iterator<Item = (u32, String)>,
+    ) -> Element {
+        let mut group = element("g");
+        if self.slots <= DETAILED_SLOTS_MAX {
+            group = group.with_all(slots.map(|(slot, words)| {
+                rectangle("hit", [self.begin(slot), top], [self.band(), bottom - top])
+                    .set("data-slot", slot.to_string())
+                    .with(element("title").text(words))
+            }));
+        }
+        group
+    }
+}
+
+/// A rectangle with a vertical axis.
+#[derive(Clone, Copy, Debug)]
+pub struct Panel {
+    /// Upper end.
+    pub top: f64,
+    /// Lower end.
+    pub bottom: f64,
+    /// The vertical axis, from `bottom` to `top`.
+    pub scale: Scale,
+}
+
+impl Panel {
+    /// Grid lines with their numbers, and the axis' title above the numbers, upright.
+    pub fn draw(&self, title: &str) -> Element {
+        let mut group = element("g");
+        let about = ((self.bottom - self.top) / 30.0).round().max(3.0);
+        for tick in self.scale.ticks(about as usize) {
+            let y = self.scale.at(tick.value);
+            group.push(line("grid", [LEFT, y], [RIGHT, y]));
+            group.push(label("tick end", [LEFT - 7.0, y + 4.0], tick.label));
+        }
+        let middle = (self.top + self.bottom) / 2.0;
+        group.with(
+            label("axis middle", [14.0, middle], title.to_owned())
+                .set("transform", format!("rotate(-90 14 {middle})")),
+        )
+    }
+
+    /// The base line.
+    pub fn base(&self) -> Element {
+        line("edge", [LEFT, self.bottom], [RIGHT, self.bottom])
+    }
+
+    /// A bound across the panel.
+    pub fn bound(&self, value: f64) -> Element {
+        let y = self.scale.at(value);
+        line("bound", [LEFT, y], [RIGHT, y])
+    }
+}
+
+/// What a mark in a figure means.
+#[derive(Clone, Debug)]
+pub struct Key {
+    /// The mark, drawn around the origin, about 18 wide.
+    pub mark: Element,
+    /// Its meaning.
+    pub words: String,
+}
+
+/// A row of keys from `x`, centred on `y`; continues in further rows `18` apart. Gives the `y`
+/// of the last row.
+pub fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
+    let mut group = element("g");
+    let [mut x, mut y] = [left, y];
+    for key in keys {
+        // Room for the larger letters of a narrow screen.
+        let width = 24.0 + text_width(&key.words, 14.0);
+        if x > left && x + width > RIGHT + 8.0 {
+            x = left;
+            y += 18.0;
+        }
+        group.push(
+            element("g")
+                .set("transform", format!("translate({x:.1} {y:.1})"))
+                .with(
+                    element("g")
+                        .set("transform", "translate(9 0)")
+                        .with(key.mark),
+                )
+                .with(label("label", [23.0, 4.0], key.words)),
+        );
+        x += width + 8.0;
+    }
+    (group, y)
+}
+
+/// About how wide words are: enough to keep labels apart.
+pub fn text_width(words: &str, size: f64) -> f64 {
+    words.chars().count() as f64 * size * 0.56
+}
+
+/// A figure: an accessible drawing `height` high.
+pub fn figure(height: f64, title: &str, description: &str) -> Element {
+    element("svg")
+        .set("xmlns", "http://www.w3.org/2000/svg")
+        .set("viewBox", format!("0 0 {WIDTH} {height:.0}"))
+        .set("role", "img")
+        .set("aria-label", format!("{title}. {description}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        let labels = |scale: Scale| -> Vec<String> {
+            scale.ticks(5).into_iter().map(|tick| tick.label).collect()
+        };
+        let scale = Scale::linear([0.0, 1.12], [100.0, 0.0]);
+        assert_eq!(labels(scale), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
+        let negative = Scale::linear([-0.3, 0.3], [0.0, 1.0]);
+        assert!(labels(negative).contains(&"\u{2212}0.2".to_owned()));
+        for (low, high) in [(0.0, 1e-9), (1e8, 3e9), (-7.0, 11.0), (20.999, 21.001)] {
+            let ticks = Scale::linear([low, high], [0.0, 1.0]).ticks(5);
+            assert!((2..=7).contains(&ticks.len()), "{low} to {high}: {ticks:?}");
+            let mut labels: Vec<_> = ticks.iter().map(|tick| &tick.label).collect();
+            labels.dedup();
+            assert_eq!(labels.len(), ticks.len(), "{ticks:?}");
+        }
+    }
+
+    #[test]
+    fn scales_hold_what_they_show() {
+        let range = [0.0, 1.0];
+        for values in [
+            vec![],
+            vec![0.0],
+            vec![3.0, 3.0],
+            vec![-1.0, 2.0],
+            vec![1e-9, 1.0, f64::NAN],
+            vec![f64::INFINITY, 5.0],
+        ] {
+            let scale = Scale::around(values.iter().copied(), range);
+            for value in values {
+                let place = scale.at(value);
+                assert!((0.0..=1.0).contains(&place), "{value} at {place}");
+            }
+            assert!(scale.low < scale.high, "{scale:?}");
+            assert!(scale.ticks(4).len() >= 2, "{scale:?}");
+        }
+    }
+
+    #[test]
+    fn slots_are_numbered_sparsely() {
+        assert_eq!(SlotAxis::new(1).numbered(), [1]);
+        assert_eq!(SlotAxis::new(60).numbered(), [1, 10, 20, 30, 40, 50, 60]);
+        assert_eq!(SlotAxis::new(7).numbered(), [1, 2, 3, 4, 5, 6, 7]);
+        assert!(SlotAxis::new(100_000).numbered().len() <= 12);
+    }
+}

@@ -1,0 +1,329 @@
+//! Links to autopilots: bytes to somewhere and back, never blocking for ever.
+//!
+//! ```text
+//! LinkAddress (a --link string) ─ open ─ Link (udpin, udpout, tcpout, serial)
+//!                                          ├ Port: frames, checks, numbers, signs, logs
+//!                                          ├ Beside: a ground station that listens beside
+//!                                          └ lossy::Impaired: a bad radio, seeded
+//! ```
+
+#![deny(missing_docs)]
+
+mod beside;
+pub mod faults;
+pub mod key;
+pub mod lossy;
+mod port;
+mod serial;
+mod tcp;
+pub mod tlog;
+mod udp;
+
+use std::fmt;
+use std::io;
+use std::str::FromStr;
+use std::time::Duration;
+
+pub use beside::Beside;
+pub use port::Port;
+
+/// Bytes to and from one place.
+pub trait Link: Send + fmt::Debug {
+    /// Sends a frame. A link that is down drops it and says so with `Ok(false)`; it comes
+    /// back by itself.
+    fn send(&mut self, frame: &[u8]) -> io::Result<bool>;
+
+    /// Waits at most `timeout` for bytes and puts them into `buffer` (emptied first). Returns
+    /// false if none came.
+    fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool>;
+
+    /// Whether what is received together was sent together: then a frame never continues in
+    /// the next piece.
+    fn is_datagram(&self) -> bool;
+
+    /// Why the link is down, where that is known: for the complaint when nobody was heard.
+    fn trouble(&self) -> Option<String> {
+        None
+    }
+}
+
+/// Nobody was heard at the other end of a link.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("no heartbeat of an autopilot in {waited_s:.0} s: {}", self.likely_reason())]
+pub struct Silence {
+    /// For how long, seconds of the vehicle's time.
+    pub waited_s: f64,
+    /// Frames that came and were refused for their signature.
+    pub refused: u32,
+    /// Why the link is down, where that is known.
+    pub trouble: Option<String>,
+}
+
+impl Silence {
+    fn likely_reason(&self) -> String {
+        match (&self.trouble, self.refused) {
+            (Some(trouble), _) => trouble.clone(),
+            (None, 0) => "is it running, and at the other end of --link?".into(),
+            (None, refused) => format!(
+                "{refused} frames came that were not signed with the key of --signing-key, or \
+                 replayed"
+            ),
+        }
+    }
+}
+
+/// Where an autopilot is, as `--link` says it.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum LinkAddress {
+    /// The built-in vehicle, in this process.
+    Builtin,
+    /// Send UDP datagrams there; answers come back.
+    UdpOut(HostPort),
+    /// Wait for UDP datagrams here; answer whoever sends.
+    UdpIn(HostPort),
+    /// Connect to a TCP server.
+    TcpOut(HostPort),
+    /// A serial device.
+    Serial {
+        /// Its path.
+        device: String,
+        /// Bits per second.
+        baud: u32,
+    },
+}
+
+/// A host name or address and a port.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct HostPort {
+    /// Name, IPv4 address, or IPv6 address without brackets.
+    pub host: String,
+    /// Port.
+    pub port: u16,
+}
+
+/// A `--link` string that means nothing.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "link {given:?}: {problem}; expected builtin, udpout:HOST:PORT, udpin:HOST:PORT, \
+     tcpout:HOST:PORT or serial:DEVICE:BAUD"
+)]
+pub struct LinkAddressError {
+    given: String,
+    problem: String,
+}
+
+const BAUDS: std::ops::RangeInclusive<u32> = 1_200..=4_000_000;
+
+impl FromStr for LinkAddress {
+    type Err = LinkAddressError;
+
+    fn from_str(given: &str) -> Result<Self, LinkAddressError> {
+        let error = |problem: String| LinkAddressError {
+            given: given.to_owned(),
+            problem,
+        };
+        if given == "builtin" {
+            return Ok(Self::Builtin);
+        }
+        let Some((kind, rest)) = given.split_once(':') else {
+            return Err(error(format!("no link is called {given:?}")));
+        };
+        match kind {
+            "udpout" => host_port(rest).map(Self::UdpOut).map_err(error),
+            "udpin" => host_port(rest).map(Self::UdpIn).map_err(error),
+            "tcpout" => host_port(rest).map(Self::TcpOut).map_err(error),
+            "serial" => {
+                let Some((device, baud)) = rest.rsplit_once(':').filter(|(d, _)| !d.is_empty())
+                else {
+                    return Err(error("a device and a baud rate are needed".into()));
+                };
+                let rate = baud.parse().ok().filter(|rate| BAUDS.contains(rate));
+                let Some(baud) = rate else {
+                    return Err(error(format!("{baud:?} is no baud rate (1200 to 4000000)")));
+                };
+                Ok(Self::Serial {
+                    device: device.to_owned(),
+                    baud,
+                })
+            }
+            other => Err(error(format!("no link is called {other:?}"))),
+        }
+    }
+}
+
+fn host_port(text: &str) -> Result<HostPort, String> {
+    let Some((host, port)) = text.rsplit_once(':') else {
+        return Err("a host and a port are needed".into());
+    };
+    let host = host
+        .strip_prefix('[')
+        .and_then(|h| h.strip_suffix(']'))
+        .unwrap_or(host);
+    if host.is_empty() {
+        return Err("the host is empty".into());
+    }
+    match port.parse() {
+        Ok(0) | Err(_) => Err(format!("{port:?} is no port (1 to 65535)")),
+        Ok(port) => Ok(HostPort {
+            host: host.to_owned(),
+            port,
+        }),
+    }
+}
+
+impl FromStr for HostPort {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        host_port(text)
+    }
+}
+
+impl fmt::Display for HostPort {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.host.contains(':') {
+            write!(f, "[{}]:{}", self.host, self.port)
+        } else {
+            write!(f, "{}:{}", self.host, self.port)
+        }
+    }
+}
+
+impl fmt::Display for LinkAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Builtin => f.write_str("builtin"),
+            Self::UdpOut(to) => write!(f, "udpout:{to}"),
+            Self::UdpIn(at) => write!(f, "udpin:{at}"),
+            Self::TcpOut(to) => write!(f, "tcpout:{to}"),
+            Self::Serial { device, baud } => write!(f, "serial:{device}:{baud}"),
+        }
+    }
+}
+
+impl LinkAddress {
+    /// Opens it. Sockets are bound at once; a TCP server or a serial device that is not there
+    /// yet is tried again while the link is used. The built-in vehicle is no such link.
+    pub fn open(&self) -> io::Result<Box<dyn Link>> {
+        Ok(match self {
+            Self::Builtin => {
+                let message = "the built-in vehicle is not reached over a link";
+                return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
+            }
+            Self::UdpOut(to) => Box::new(udp::UdpOut::open(to)?),
+            Self::UdpIn(at) => Box::new(udp::UdpIn::open(at)?),
+            Self::TcpOut(to) => Box::new(tcp::TcpOut::open(to)),
+            Self::Serial { device, baud } => Box::new(serial::Serial::open(device, *baud)?),
+        })
+    }
+}
+
+/// Waits before trying again: twice as long each time, up to a limit.
+#[derive(Debug)]
+struct BackOff {
+    wait: Duration,
+    next: Option<std::time::Instant>,
+    /// What went wrong last.
+    reason: Option<io::Error>,
+}
+
+impl BackOff {
+    const FIRST: Duration = Duration::from_millis(100);
+    const LONGEST: Duration = Duration::from_secs(5);
+
+    fn new() -> Self {
+        Self {
+            wait: Self::FIRST,
+            next: None,
+            reason: None,
+        }
+    }
+
+    fn may_try(&self) -> bool {
+        self.next
+            .is_none_or(|next| std::time::Instant::now() >= next)
+    }
+
+    fn failed(&mut self, reason: io::Error) {
+        self.reason = Some(reason);
+        self.next = Some(std::time::Instant::now() + self.wait);
+        self.wait = (self.wait * 2).min(Self::LONGEST);
+    }
+}
+
+/// Errors that mean "nothing now", not "broken".
+fn is_idle(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
+    )
+}
+
+/// How often a socket is asked whether something came.
+const ASK_EVERY: Duration = Duration::from_micros(200);
+
+/// Asks a non-blocking socket until it has something, or `timeout` has passed: `Ok(None)`. A
+/// socket's own time-out is rounded up to ticks of the kernel (8 ms where this was measured),
+/// which is too coarse for a loop that looks every 2 ms.
+fn patiently<T>(
+    timeout: Duration,
+    mut attempt: impl FnMut() -> io::Result<T>,
+) -> io::Result<Option<T>> {
+    let begin = std::time::Instant::now();
+    loop {
+        match attempt() {
+            Ok(value) => return Ok(Some(value)),
+            Err(error) if is_idle(&error) => {}
+            Err(error) => return Err(error),
+        }
+        let left = timeout.saturating_sub(begin.elapsed());
+        if left.is_zero() {
+            return Ok(None);
+        }
+        std::thread::sleep(left.min(ASK_EVERY));
+    }
+}
+
+/// The longest piece that is received at once.
+const PIECE: usize = 4096;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn link_strings_are_read_and_written_alike() {
+        for text in [
+            "builtin",
+            "udpout:127.0.0.1:14550",
+            "udpin:0.0.0.0:14550",
+            "tcpout:localhost:5760",
+            "udpin:[::1]:14550",
+            "serial:/dev/ttyACM0:921600",
+            "serial:/dev/serial/by-id/usb-x:y-if00:57600",
+        ] {
+            assert_eq!(text.parse::<LinkAddress>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn wrong_link_strings_say_what_would_be_right() {
+        for (text, problem) in [
+            ("", "no link is called \"\""),
+            ("udp:1.2.3.4:5", "no link is called \"udp\""),
+            ("udpout:127.0.0.1", "a host and a port are needed"),
+            ("udpout::14550", "the host is empty"),
+            ("udpin:0.0.0.0:0", "\"0\" is no port"),
+            ("tcpout:localhost:99999", "\"99999\" is no port"),
+            ("serial:/dev/ttyACM0", "a device and a baud rate are needed"),
+            ("serial:/dev/ttyACM0:fast", "\"fast\" is no baud rate"),
+        ] {
+            let error = text.parse::<LinkAddress>().unwrap_err().to_string();
+            assert!(error.contains(problem), "{error}");
+            assert!(
+                error.contains("expected builtin, udpout:HOST:PORT"),
+                "{error}"
+            );
+        }
+    }
+}

@@ -1,0 +1,344 @@
+//! One size of cells: their rate bounds, the dual function over them, and what it rules out.
+
+use std::sync::Arc;
+
+use firmware_core::{Mission, Position, inner::Workspace};
+use rayon::prelude::*;
+
+use super::{
+    grid::{Cell, Grid, Moves},
+    multipliers::DualPoint,
+    rates::{RateBound, round_up},
+    tube::{Layer, Tube, Values, Window, Worth},
+};
+
+/// Cells of one size, for some or all of the missions.
+#[derive(Clone, Debug)]
+pub(crate) struct Level {
+    pub(crate) grid: Grid,
+    pub(crate) tube: Tube,
+    /// How often the area's first cells were halved.
+    pub(crate) depth: usize,
+    moves: Moves,
+    quota: f64,
+    users: usize,
+    rates: Arc<RateRows>,
+}
+
+/// Rate bounds for the cells that live in some slot.
+#[derive(Clone, Debug, Default)]
+struct RateRows {
+    hull: Window,
+    /// For each cell of the hull, which row it has.
+    row: Vec<u32>,
+    /// Cell by cell, user by user.
+    rates: Vec<f32>,
+    users: usize,
+}
+
+impl RateRows {
+    fn of_cell(&self, column: i32, row: i32) -> Option<&[f32]> {
+        self.of_index(self.hull.index(column, row)?)
+    }
+
+    fn of_index(&self, index: usize) -> Option<&[f32]> {
+        match self.row[index] {
+            NO_ROW => None,
+            row => Some(&self.rates[row as usize * self.users..][..self.users]),
+        }
+    }
+}
+
+const NO_ROW: u32 = u32::MAX;
+
+/// Whether a cell can hold the waypoint of a slot (from 0): near enough to start and destination.
+fn within_reach<const M: usize, const J: usize>(
+    mission: &Mission<f64, M, J>,
+    cell: &Cell,
+    slot: usize,
+) -> bool {
+    let p = mission.parameters();
+    let reach = |slots: usize| slots as f64 * mission.reach_m() * (1.0 + 1e-12);
+    let slots = mission.slots() as usize;
+    cell.least_distance_m(&p.start) <= reach(slot + 1)
+        && cell.least_distance_m(&p.destination) <= reach(slots - slot)
+}
+
+/// The first of the users who make a slot worth most.
+fn best_user(rates: &[f32], prices: &[f32]) -> usize {
+    let priced = |user: usize| rates[user] + prices[user];
+    (1..rates.len()).fold(0, |best, user| {
+        if priced(user) > priced(best) {
+            user
+        } else {
+            best
+        }
+    })
+}
+
+impl Level {
+    /// All missions, over the cells of a grid. `None` where more than `pairs_max` pairs of slot
+    /// and cell would have to be stored.
+    pub(crate) fn first<const M: usize, const J: usize>(
+        mission: &Mission<f64, M, J>,
+        bound: &RateBound<'_, M, J>,
+        grid: Grid,
+        pairs_max: usize,
+    ) -> Option<Self> {
+        let slots = mission.slots() as usize;
+        let windows: Vec<Window> = (0..slots)
+            .map(|slot| window_of_slot(mission, &grid, slot))
+            .collect();
+        if windows.iter().map(Window::cells).sum::<usize>() > pairs_max {
+            return None;
+        }
+        let layers = windows.into_iter().enumerate().map(|(slot, window)| {
+            Layer::new(window, |column, row| {
+                within_reach(mission, &grid.cell(column, row), slot)
+            })
+        });
+        let tube = Tube {
+            layers: layers.collect(),
+        };
+        Some(Self::with(mission, bound, grid, tube, 0))
+    }
+
+    fn with<const M: usize, const J: usize>(
+        mission: &Mission<f64, M, J>,
+        bound: &RateBound<'_, M, J>,
+        grid: Grid,
+        tube: Tube,
+        depth: usize,
+    ) -> Self {
+        // No two points of the area are further apart than its diagonal: longer moves lead nowhere.
+        let area = mission.parameters().area;
+        let longest_m = mission.reach_m().min(area.east_m.hypot(area.north_m));
+        Self {
+            moves: Moves::any(longest_m, grid.side_m),
+            rates: Arc::new(bounded_rates(bound, &grid, &tube, mission.user_count())),
+            grid,
+            tube,
+            depth,
+            quota: f64::from(mission.quota()),
+            users: mission.user_count(),
+        }
+    }
+
+    /// The living cells split in four.
+    pub(crate) fn split<const M: usize, const J: usize>(
+        &self,
+        mission: &Mission<f64, M, J>,
+        bound: &RateBound<'_, M, J>,
+    ) -> Self {
+        let grid = self.grid.halved();
+        let tube = self.tube.split(|slot, column, row| {
+            column < grid.columns
+                && row < grid.rows
+                && within_reach(mission, &grid.cell(column, row), slot)
+        });
+        Self::with(mission, bound, grid, tube, self.depth + 1)
+    }
+
+    /// The missions whose waypoint of `slot` lies in a cell with its centre on one side of a
+    /// line, and those on the other: `side_of` is positive on one of them. Every cell is on
+    /// exactly one, and the cells cover the area, so no mission is lost.
+    pub(crate) fn parted(
+        &self,
+        slot: usize,
+        side_of: impl Fn(&Position<f64>) -> f64 + Sync,
+    ) -> [Self; 2] {
+        [true, false].map(|positive| {
+            let mut part = self.clone();
+            let layer = &self.tube.layers[slot];
+            part.tube.layers[slot] = Layer::new(layer.window, |column, row| {
+                let alive = layer.window.index(column, row);
+                let center = self.grid.cell(column, row).center();
+                alive.is_some_and(|index| layer.alive[index])
+                    && (side_of(&center) > 0.0) == positive
+            });
+            part
+        })
+    }
+
+    /// What a cell is worth at the given prices: the best user's rate bound plus its price.
+    fn worth(&self, prices: &[f32]) -> Worth {
+        let value = (0..self.rates.hull.cells()).into_par_iter().map(|index| {
+            let Some(rates) = self.rates.of_index(index) else {
+                return f32::NEG_INFINITY;
+            };
+            let user = best_user(rates, prices);
+            rates[user] + prices[user]
+        });
+        Worth {
+            window: self.rates.hull,
+            value: value.collect(),
+        }
+    }
+
+    /// The dual function over the living cells, with a subgradient and a path that attains it
+    /// (centres of cells).
+    pub(crate) fn dual(&self, multipliers: &[f64]) -> (DualPoint, Vec<Position<f64>>) {
+        let prices = single(multipliers);
+        let worth = self.worth(&prices);
+        let forward = self.tube.forward(&worth, &self.moves);
+        let chain = self
+            .tube
+            .best_chain(&forward, &self.moves)
+            .unwrap_or_default();
+        let mut subgradient = vec![-self.quota; self.users];
+        let mut path = Vec::with_capacity(chain.len());
+        for (column, row) in chain {
+            if let Some(rates) = self.rates.of_cell(column, row) {
+                subgradient[best_user(rates, &prices)] += 1.0;
+            }
+            path.push(self.grid.cell(column, row).center());
+        }
+        let point = DualPoint {
+            value: self.value(&forward, &prices, &worth),
+            subgradient,
+        };
+        (point, path)
+    }
+
+    /// The bound that a forward pass proves.
+    fn value(&self, forward: &Values, prices: &[f32], worth: &Worth) -> f64 {
+        let largest = forward.last().map_or(f32::NEG_INFINITY, |last| {
+            last.iter().copied().fold(f32::NEG_INFINITY, f32::max)
+        });
+        f64::from(largest) + self.rounding(worth) - self.owed(prices)
+    }
+
+    /// `floor(N/M) sum_m lambda_m`.
+    fn owed(&self, prices: &[f32]) -> f64 {
+        self.quota * prices.iter().map(|&price| f64::from(price)).sum::<f64>()
+    }
+
+    /// What single precision may have lost along a path: each slot rounds once in `rate + price`
+    /// and once in the running sum, by at most half a unit in the last place of the largest sum.
+    fn rounding(&self, worth: &Worth) -> f64 {
+        let finite = worth.value.iter().filter(|value| value.is_finite());
+        let largest = finite.fold(0.0_f32, |largest, value| largest.max(value.abs()));
+        let slots = self.tube.layers.len() as f64;
+        (2.0 * slots + 4.0) * slots * f64::from(largest) * f64::from(f32::EPSILON) / 2.0
+    }
+
+    /// Drops every pair of slot and cell through which no mission reaches `lower`, and returns
+    /// a bound on all missions in the tube as it was.
+    pub(crate) fn prune(&mut self, multipliers: &[f64], lower: f64) -> f64 {
+        let prices = single(multipliers);
+        let worth = self.worth(&prices);
+        let (forward, backward) = rayon::join(
+            || self.tube.forward(&worth, &self.moves),
+            || self.tube.backward(&worth, &self.moves),
+        );
+        let value = self.value(&forward, &prices, &worth);
+        let least = lower - self.rounding(&worth) + self.owed(&prices);
+        // Rounded down: what is dropped is certainly worse.
+        self.tube
+            .prune(&worth, &forward, &backward, -round_up(-least));
+        value
+    }
+}
+
+/// The prices that the dynamic programme uses, and that the bound is then proved at.
+fn single(multipliers: &[f64]) -> Vec<f32> {
+    multipliers.iter().map(|&price| price as f32).collect()
+}
+
+/// The cells that the waypoint of a slot (from 0) can lie in, as a window.
+fn window_of_slot<const M: usize, const J: usize>(
+    mission: &Mission<f64, M, J>,
+    grid: &Grid,
+    slot: usize,
+) -> Window {
+    let p = mission.parameters();
+    let from_start_m = (slot + 1) as f64 * mission.reach_m();
+    let from_destination_m = (mission.slots() as usize - slot) as f64 * mission.reach_m();
+    let range = |axis: usize, count: i32| {
+        let low_m = (p.start[axis] - from_start_m).max(p.destination[axis] - from_destination_m);
+        let high_m = (p.start[axis] + from_start_m).min(p.destination[axis] + from_destination_m);
+        // A cell more on either side covers rounding.
+        let low = (low_m / grid.side_m).floor().max(1.0) as i32 - 1;
+        let high = ((high_m / grid.side_m).floor().max(0.0) as i32)
+            .saturating_add(2)
+            .min(count);
+        (low, (high - low).max(0) as usize)
+    };
+    let (column, width) = range(0, grid.columns);
+    let (row, height) = range(1, grid.rows);
+    Window {
+        column,
+        row,
+        width,
+        height,
+    }
+}
+
+/// Bounds the rates in every cell that lives in some slot.
+fn bounded_rates<const M: usize, const J: usize>(
+    bound: &RateBound<'_, M, J>,
+    grid: &Grid,
+    tube: &Tube,
+    users: usize,
+) -> RateRows {
+    let hull = tube.hull();
+    let mut row_of = vec![NO_ROW; hull.cells()];
+    let mut cells: Vec<(i32, i32)> = Vec::new();
+    for layer in &tube.layers {
+        for index in layer.living() {
+            let (column, row) = layer.window.place(index);
+            if let Some(index) = hull.index(column, row)
+                && row_of[index] == NO_ROW
+            {
+                row_of[index] = cells.len() as u32;
+                cells.push((column, row));
+            }
+        }
+    }
+    let mut rates = vec![0.0; cells.len() * users];
+    rates.par_chunks_mut(users).zip(&cells).for_each_init(
+        Workspace::default,
+        |room, (rates, &(column, row))| {
+            bound.over(&grid.cell(column, row), room, rates);
+        },
+    );
+    RateRows {
+        hull,
+        row: row_of,
+        rates,
+        users,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::{HostMission, Scenario};
+
+    fn first_level(mission: &HostMission) -> Level {
+        let p = mission.parameters();
+        let extent_m = p.area.east_m.max(p.area.north_m);
+        let grid = Grid::new(p.area, mission.reach_m().min(extent_m) / 2.0 / (1.0 - 1e-9));
+        Level::first(mission, &RateBound::new(mission), grid, usize::MAX).expect("a level")
+    }
+
+    /// Moves that leave the area from wherever they begin are none: they only cost time and memory.
+    #[test]
+    fn moves_are_no_longer_than_the_area() {
+        let shipped = Scenario::shipped("separated").expect("a shipped scenario");
+        for max_speed_mps in [35.0, 1e3, 1e5] {
+            let mut parameters = shipped.mission.parameters().clone();
+            parameters.max_speed_mps = max_speed_mps;
+            let mission = Mission::new(parameters).expect("a valid mission");
+            let level = first_level(&mission).split(&mission, &RateBound::new(&mission));
+            let across =
+                f64::from(level.grid.columns.max(level.grid.rows)) * std::f64::consts::SQRT_2;
+            let (rows, widest) = (level.moves.half_width.len(), level.moves.half_width[0]);
+            assert!(rows as f64 <= across + 2.0, "{max_speed_mps}: {rows}");
+            assert!(
+                f64::from(widest) <= across + 2.0,
+                "{max_speed_mps}: {widest}"
+            );
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! The highest rate that any point of a cell can give to each user.
+
+use firmware_core::{
+    Mission, Position, PowerGain,
+    inner::{SlotLimits, Workspace},
+};
+
+use super::grid::Cell;
+use scenario::with_field;
+
+/// Steps of the gain table over the area's diagonal.
+const TABLE_STEPS: usize = 1 << 17;
+
+/// Power gain over horizontal distance, rounded so that it never understates: an entry holds
+/// for every distance from its own on, since gains fall with distance.
+#[derive(Clone, Debug)]
+struct GainTable {
+    steps_per_m: f64,
+    gain: Vec<f64>,
+}
+
+impl GainTable {
+    fn new<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> Self {
+        let p = mission.parameters();
+        let diagonal_m = p.area.east_m.hypot(p.area.north_m);
+        let step_m = diagonal_m / TABLE_STEPS as f64;
+        let gain = (0..TABLE_STEPS + 2).map(|step| {
+            let slant_m = (step as f64 * step_m).hypot(p.altitude_m);
+            mission.channel().power_gain_at(slant_m).0 * (1.0 + 1e-12)
+        });
+        Self {
+            steps_per_m: 1.0 / step_m,
+            gain: gain.collect(),
+        }
+    }
+
+    /// No less than the gain at any distance of at least `distance_m`.
+    fn at_least(&self, distance_m: f64) -> PowerGain<f64> {
+        // A hair less, so that rounding never skips to the next entry.
+        let step = (distance_m * self.steps_per_m - 1e-6).max(0.0) as usize;
+        PowerGain(self.gain[step.min(self.gain.len() - 1)])
+    }
+}
+
+/// Bounds the rates of a mission's users over cells.
+#[derive(Clone, Debug)]
+pub(crate) struct RateBound<'m, const M: usize, const J: usize> {
+    mission: &'m Mission<f64, M, J>,
+    limits: SlotLimits<f64>,
+    table: GainTable,
+}
+
+impl<'m, const M: usize, const J: usize> RateBound<'m, M, J> {
+    pub(crate) fn new(mission: &'m Mission<f64, M, J>) -> Self {
+        Self {
+            mission,
+            limits: SlotLimits::of_mission(mission),
+            table: GainTable::new(mission),
+        }
+    }
+
+    /// Writes, for every user, a rate that no point of the cell exceeds: that of a slot in which
+    /// everybody is as near as the cell's nearest point to them.
+    pub(crate) fn over(&self, cell: &Cell, room: &mut Workspace<f64, J>, rates: &mut [f32]) {
+        self.with_distances(|place| cell.least_distance_m(place), room, rates);
+    }
+
+    fn with_distances(
+        &self,
+        distance_m: impl Fn(&Position<f64>) -> f64,
+        room: &mut Workspace<f64, J>,
+        rates: &mut [f32],
+    ) {
+        let p = self.mission.parameters();
+        let mut gains = [PowerGain(0.0); J];
+        for (gain, sensor) in gains.iter_mut().zip(&p.sensors) {
+            *gain = self.table.at_least(distance_m(sensor));
+        }
+        with_field(room, &self.limits, &gains[..p.sensors.len()], |field| {
+            for (rate, user) in rates.iter_mut().zip(&p.users) {
+                let gain = self.table.at_least(distance_m(user));
+                let bound = field.map_or(0.0, |field| field.rate(gain));
+                *rate = round_up(bound + RATE_ROUNDING);
+            }
+        });
+    }
+}
+
+/// What the slot solution may be off by in double precision, bit/s/Hz, with a large margin.
+pub(crate) const RATE_ROUNDING: f64 = 1e-9;
+
+/// The least `f32` that is no less.
+pub(crate) fn round_up(value: f64) -> f32 {
+    let nearest = value as f32;
+    if f64::from(nearest) < value {
+        nearest.next_up()
+    } else {
+        nearest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::{PlaceRates, Scenario};
+
+    use crate::bound::grid::Grid;
+    use rand::{RngExt, SeedableRng};
+
+    /// No point of a cell beats the cell's bound, and the bound closes in on it as cells shrink.
+    #[test]
+    fn no_point_of_a_cell_exceeds_its_bound() {
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(9);
+        for (name, noise_dbm) in [("separated", -95.0), ("mixed", -85.0), ("mixed", -70.0)] {
+            let scenario = Scenario::shipped(name).and_then(|s| s.with_noise_dbm(noise_dbm).ok());
+            let mission = scenario.expect("a shipped scenario").mission;
+            let users = mission.user_count();
+            let bound = RateBound::new(&mission);
+            let mut exact = PlaceRates::new(&mission);
+            let mut room = Workspace::default();
+            for side_m in [15.0, 2.0, 0.1] {
+                let grid = Grid::new(mission.parameters().area, side_m);
+                let mut widest = 0.0_f64;
+                for _ in 0..300 {
+                    let column = rng.random_range(0..grid.columns);
+                    let cell = grid.cell(column, rng.random_range(0..grid.rows));
+                    let mut bounds = vec![0.0; users];
+                    bound.over(&cell, &mut room, &mut bounds);
+                    for (east, north) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 0), (1, 2)] {
+                        let mut along = |axis: usize, step: usize| {
+                            let share = [0.0, 1.0, rng.random_range(0.0..1.0)][step];
+                            cell.low[axis] + share * (cell.high[axis] - cell.low[axis])
+                        };
+                        let place = Position::new(along(0, east), along(1, north));
+                        let mut rates = vec![0.0; users];
+                        exact.write(&place, &mut rates);
+                        for (rate, &bound) in rates.iter().zip(&bounds) {
+                            assert!(*rate <= f64::from(bound), "{name} {side_m} {rate} {bound}");
+                            widest = widest.max(f64::from(bound) - rate);
+                        }
+                    }
+                }
+                assert!(widest < 0.1 * side_m + 1e-3, "{name} {side_m}: {widest}");
+            }
+        }
+    }
+}

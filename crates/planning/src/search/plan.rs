@@ -1,0 +1,79 @@
+//! A whole mission decided in advance, and the policy that flies it.
+
+use firmware_core::{
+    Mission, Position,
+    policy::{Action, Observation, Policy},
+};
+use serde::{Deserialize, Serialize};
+
+use scenario::PlaceRates;
+
+use super::assign;
+
+/// Where to be and whom to serve, slot by slot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// `q_1` to `q_N`, metres.
+    pub waypoints: Vec<Position<f64>>,
+    /// The served user of each slot, from 0.
+    pub users: Vec<usize>,
+    /// The sum of the rates, bit/s/Hz.
+    pub sum_rate: f64,
+}
+
+impl Plan {
+    /// The best fair assignment of users to the slots of a path.
+    pub fn assigned<const M: usize, const J: usize>(
+        mission: &Mission<f64, M, J>,
+        waypoints: Vec<Position<f64>>,
+    ) -> Self {
+        let users = mission.user_count();
+        let mut rates = vec![0.0; waypoints.len() * users];
+        let mut place_rates = PlaceRates::new(mission);
+        for (place, row) in waypoints.iter().zip(rates.chunks_mut(users)) {
+            place_rates.write(place, row);
+        }
+        let served = assign(&rates, users, mission.quota() as usize);
+        let slot_rates = served.iter().zip(rates.chunks(users));
+        let sum_rate = slot_rates.map(|(&user, row)| row[user]).sum();
+        Self {
+            waypoints,
+            users: served,
+            sum_rate,
+        }
+    }
+}
+
+/// Flies a [`Plan`]: in each slot the displacement from where the vehicle is to the plan's
+/// waypoint, and the plan's user.
+#[derive(Clone, Debug)]
+pub struct SearchPolicy {
+    plan: Plan,
+}
+
+impl SearchPolicy {
+    /// The policy of a plan.
+    pub fn new(plan: Plan) -> Self {
+        Self { plan }
+    }
+
+    /// The plan that is flown.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+}
+
+impl<const M: usize> Policy<f64, M> for SearchPolicy {
+    /// After the plan's end the vehicle stays and every user has the same score.
+    fn decide(&mut self, observation: &Observation<'_, f64>) -> Action<f64, M> {
+        let index = (observation.slot as usize).saturating_sub(1);
+        let here = observation.position;
+        let target = self.plan.waypoints.get(index).unwrap_or(&here);
+        let served = self.plan.users.get(index).copied();
+        let scores = (0..observation.counts.len()).map(|user| f64::from(served == Some(user)));
+        Action {
+            displacement: target - here,
+            user_scores: scores.collect(),
+        }
+    }
+}

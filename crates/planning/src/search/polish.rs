@@ -1,0 +1,166 @@
+//! Continuous refinement of a path: every waypoint may move a little, all at once.
+//!
+//! Around each waypoint lies a stencil of `(2k + 1)^2` candidate places; dynamic programming
+//! finds the best admissible chain through the stencils. The old path is among the candidates,
+//! so the value never falls. A stretched path, where no single waypoint can move without
+//! breaking the speed limit, still moves as a whole.
+
+use firmware_core::{Mission, Position};
+use rayon::prelude::*;
+
+use scenario::PlaceRates;
+
+use super::rearrange::Stencils;
+
+/// Candidates to each side of a waypoint.
+const STENCIL_REACH: i32 = 4;
+const STENCIL_SIDE: usize = 2 * STENCIL_REACH as usize + 1;
+
+/// The constraints on a path, a hair inside the mission's own, and the lattice on which its
+/// waypoints lie.
+///
+/// Waypoints are multiples of a power of two that `f32` holds exactly, as are their differences:
+/// what MAVLink carries is what was planned.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PathRules<'m, const M: usize, const J: usize> {
+    pub(crate) mission: &'m Mission<f64, M, J>,
+    /// `V_max delta` less the margin, and no more than crosses the area, metres.
+    pub(crate) reach_m: f64,
+    /// Spacing of the lattice, metres.
+    pub(crate) quantum_m: f64,
+}
+
+impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
+    pub(crate) fn new(mission: &'m Mission<f64, M, J>) -> Self {
+        let area = mission.parameters().area;
+        let extent_m = area.east_m.max(area.north_m);
+        // 2^23 steps across the area: one bit to spare in the mantissa of f32.
+        let quantum_m = (extent_m.log2().ceil() - 23.0).exp2();
+        // Twice the extent is beyond the diagonal: no waypoint is lost, and stencils, whose
+        // spacings are fractions of the reach, begin inside the area.
+        let reach_m = mission.reach_m().min(2.0 * extent_m);
+        Self {
+            mission,
+            reach_m: reach_m - 2.0 * quantum_m,
+            quantum_m,
+        }
+    }
+
+    /// The lattice point nearest to a place, or `None` where that lies outside the area.
+    pub(crate) fn on_lattice(&self, place: Position<f64>) -> Option<Position<f64>> {
+        let place = place.map(|value| (value / self.quantum_m).round() * self.quantum_m);
+        self.mission
+            .parameters()
+            .area
+            .contains(&place)
+            .then_some(place)
+    }
+
+    fn joins(&self, from: &Position<f64>, to: &Position<f64>) -> bool {
+        (to - from).norm_squared() <= self.reach_m * self.reach_m
+    }
+
+    /// Whether a path from the mission's start has a waypoint for every slot, keeps the speed
+    /// limit, stays in the area, and ends within one more slot of the destination.
+    pub(crate) fn admits(&self, path: &[Position<f64>]) -> bool {
+        let p = self.mission.parameters();
+        // Cells that no chain joins give a path without waypoints.
+        if path.len() != self.mission.slots() as usize {
+            return false;
+        }
+        let mut from = &p.start;
+        for to in path {
+            if !(self.joins(from, to) && p.area.contains(to)) {
+                return false;
+            }
+            from = to;
+        }
+        self.joins(from, &p.destination)
+    }
+
+    /// The stencils of the given spacing around `path`, which must be admissible.
+    pub(crate) fn stencils(&self, path: &[Position<f64>], spacing_m: f64) -> Stencils {
+        let p = self.mission.parameters();
+        let users = self.mission.user_count();
+        let places: Vec<Vec<Position<f64>>> = path
+            .iter()
+            .map(|center| self.stencil(center, spacing_m).collect())
+            .collect();
+        let rates = places.par_iter().map_init(
+            || (PlaceRates::new(self.mission), [0.0; M]),
+            |(place_rates, row), places| {
+                let mut rates = vec![vec![0.0; places.len()]; users];
+                for (index, place) in places.iter().enumerate() {
+                    place_rates.write(place, &mut row[..users]);
+                    for (rates, &rate) in rates.iter_mut().zip(row.iter()) {
+                        rates[index] = rate;
+                    }
+                }
+                rates
+            },
+        );
+        let start = vec![p.start];
+        let joined = places.par_iter().enumerate().map(|(slot, here)| {
+            let before = slot
+                .checked_sub(1)
+                .map_or(&start, |previous| &places[previous]);
+            let bits = |to: &Position<f64>| {
+                let joined = before
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, from)| self.joins(from, to));
+                joined.fold(0, |bits, (index, _)| bits | 1_u128 << index)
+            };
+            here.iter().map(bits).collect()
+        });
+        let (rates, joined) = (rates.collect(), joined.collect());
+        let last = places.last().into_iter().flatten();
+        let home = last
+            .map(|place| self.joins(place, &p.destination))
+            .collect();
+        Stencils {
+            places,
+            rates,
+            joined,
+            home,
+        }
+    }
+
+    /// The waypoint itself first, so that it wins ties.
+    fn stencil(
+        &self,
+        center: &Position<f64>,
+        spacing_m: f64,
+    ) -> impl Iterator<Item = Position<f64>> {
+        let offsets = (0..STENCIL_SIDE * STENCIL_SIDE).map(move |index| {
+            let column = (index % STENCIL_SIDE) as i32 - STENCIL_REACH;
+            let row = (index / STENCIL_SIDE) as i32 - STENCIL_REACH;
+            nalgebra::Vector2::new(f64::from(column), f64::from(row)) * spacing_m
+        });
+        let moved = offsets
+            .filter(|offset| offset.norm_squared() > 0.0)
+            .filter_map(move |offset| self.on_lattice(center + offset));
+        std::iter::once(*center).chain(moved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::Scenario;
+
+    /// Where start and destination are near each other, a path without waypoints joins them, but
+    /// is no mission.
+    #[test]
+    fn a_path_of_another_length_is_not_admitted() {
+        let shipped = Scenario::shipped("separated").expect("a shipped scenario");
+        let mut parameters = shipped.mission.parameters().clone();
+        parameters.destination = parameters.start;
+        let mission = Mission::new(parameters).expect("a valid mission");
+        let rules = PathRules::new(&mission);
+        let stay = vec![mission.parameters().start; mission.slots() as usize];
+        assert!(rules.admits(&stay));
+        assert!(!rules.admits(&stay[1..]));
+        assert!(!rules.admits(&[]));
+    }
+}

@@ -1,0 +1,10 @@
+//! Slot problems outside of a flight: the reference implementation that the controller is compared
+//! with, and the command that solves problems given as JSON lines.
+//!
+//! * [`conic`]: the slot problem as a second-order cone program, solved by Clarabel.
+//! * [`solve`]: JSON lines in, JSON lines out, by either solver.
+
+#![deny(missing_docs)]
+
+pub mod conic;
+pub mod solve;

@@ -1,0 +1,387 @@
+//! Slot problems as JSON lines: what `host-sim solve` does.
+//!
+//! A line in holds `sensor_gain` (array, `|h_j|^2`), `user_gain` (`|g|^2`, or `null` for nobody
+//! served), `sensor_power_max`, `user_power_max`, `noise_power` (watts) and `mse_threshold`; other
+//! keys are ignored, so that a line with known results can be replayed. A line out holds the
+//! answer, or `{"error": ".."}` with the line's number, the field, its value and what would be right;
+//! one line out per line in, whatever it holds. Sensors may be as many as memory holds.
+
+use std::{
+    fmt,
+    io::{self, BufRead, Read, Write},
+};
+
+use clap::ValueEnum;
+use firmware_core::{
+    PowerGain, Scalar, Watt, aircomp,
+    inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution, Status, alternating},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use files::input::LONGEST_BYTES;
+
+use crate::conic;
+
+/// Which solver answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Method {
+    /// The closed form: the global optimum
+    #[default]
+    Exact,
+    /// The paper's Alg. 1 at its xi = 0.001
+    Alternating,
+    /// The global optimum by a general convex solver (Clarabel), to check the closed form
+    Conic,
+    /// Alg. 1 with its subproblem left to the convex solver, as the paper does it
+    ConicAlternating,
+}
+
+impl Method {
+    /// Whether the method has arithmetic of that precision: Clarabel runs in double only.
+    pub fn supports(self, precision: Precision) -> bool {
+        precision == Precision::F64 || matches!(self, Method::Exact | Method::Alternating)
+    }
+}
+
+/// The arithmetic of the solver.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Precision {
+    /// Double precision, as on the host
+    #[default]
+    F64,
+    /// Single precision, as on the microcontroller
+    F32,
+}
+
+/// A slot problem as written in a line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Problem {
+    /// `|h_j|^2` of every sensor.
+    pub sensor_gain: Vec<f64>,
+    /// `|g|^2` of the served user; `None` where nobody is.
+    pub user_gain: Option<f64>,
+    /// `p_b^max`, watts.
+    pub sensor_power_max: f64,
+    /// `p^max`, watts.
+    pub user_power_max: f64,
+    /// `sigma^2`, watts.
+    pub noise_power: f64,
+    /// `Gamma`.
+    pub mse_threshold: f64,
+}
+
+/// The answer to a [`Problem`], as written in a line: numbers of single precision to the last
+/// digit, so that bounds can be checked exactly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// Whether `Gamma` can be met.
+    pub feasible: bool,
+    /// `R`, bit/s/Hz; 0 where infeasible.
+    pub rate: f64,
+    /// The MSE with the powers, coefficients and `eta` below.
+    pub mse: f64,
+    /// What holds the rate back; `none` where there is no rate to hold.
+    pub limited_by: LimitedBy,
+    /// `p`, watts.
+    pub user_power: f64,
+    /// `|b_j|`, square root of watts, in the order of `sensor_gain`.
+    pub sensor_coefficients: Vec<f64>,
+    /// `eta`, one over square root of watts.
+    pub eta: f64,
+    /// The least MSE that the channels allow.
+    pub least_mse: f64,
+    /// How far the answer goes.
+    pub status: Finding,
+}
+
+/// What is known of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Finding {
+    /// The global optimum; for `conic`, to the accuracy of its solver.
+    Optimal,
+    /// An iteration came to rest.
+    Converged,
+    /// An iteration was cut off.
+    IterationLimit,
+    /// Gains were known within bounds only.
+    Guaranteed,
+    /// `Gamma` cannot be met.
+    Infeasible,
+    /// The convex solver gave up: the best point that it had reached, its constraints verified.
+    SolverFailed,
+}
+
+/// What became of the lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Lines read.
+    pub lines: u64,
+    /// Lines that were answered with an error.
+    pub errors: u64,
+}
+
+/// Answers every line of `input` with a line in `output`.
+///
+/// # Errors
+/// Reading or writing failed, or the method has no such [precision](Method::supports). A bad line
+/// is not an error: it is answered and counted.
+pub fn run(
+    method: Method,
+    precision: Precision,
+    mut input: impl BufRead,
+    mut output: impl Write,
+) -> anyhow::Result<Tally> {
+    anyhow::ensure!(
+        method.supports(precision),
+        "{method:?} has no arithmetic of precision {precision:?}"
+    );
+    let mut tally = Tally::default();
+    let mut line = Vec::new();
+    while (&mut input)
+        .take(LONGEST_BYTES)
+        .read_until(b'\n', &mut line)?
+        > 0
+    {
+        tally.lines += 1;
+        // A line that is too long ends the input: the rest of it is not read.
+        let endless = line.len() as u64 >= LONGEST_BYTES && !line.ends_with(b"\n");
+        let problem = if endless {
+            let problem = format!("the line is longer than {} MiB", LONGEST_BYTES >> 20);
+            Err(LineError::Input(problem))
+        } else {
+            Problem::parse(&line)
+        };
+        let answered = problem.and_then(|problem| match precision {
+            Precision::F64 => problem.answer::<f64>(method)?.write(&mut output),
+            Precision::F32 => problem.answer::<f32>(method)?.write(&mut output),
+        });
+        match answered {
+            Ok(()) => {}
+            Err(LineError::Output(error)) => return Err(error.into()),
+            Err(error) => {
+                tally.errors += 1;
+                let error = format!("line {}{error}", tally.lines);
+                serde_json::to_writer(&mut output, &serde_json::json!({ "error": error }))?;
+            }
+        }
+        output.write_all(b"\n")?;
+        if endless {
+            break;
+        }
+        line.clear();
+    }
+    output.flush()?;
+    Ok(tally)
+}
+
+/// Why a line has no answer. Written out, it continues "line 7".
+#[derive(Debug, thiserror::Error)]
+enum LineError {
+    /// What is wrong with it.
+    #[error(": {0}")]
+    Input(String),
+    /// What is wrong at a column, from 1: it is no JSON there, or no [`Problem`].
+    #[error(", column {column}: {problem}")]
+    Json { column: usize, problem: String },
+    /// The answer could not be written.
+    #[error(": {0}")]
+    Output(io::Error),
+}
+
+impl LineError {
+    fn input(problem: impl fmt::Display) -> Self {
+        Self::Input(problem.to_string())
+    }
+}
+
+impl Problem {
+    fn parse(line: &[u8]) -> Result<Self, LineError> {
+        let text = str::from_utf8(line)
+            .map_err(|error| LineError::Input(format!("the line is not UTF-8: {error}")))?
+            .trim_start_matches(BYTE_ORDER_MARK)
+            .trim_end();
+        if text.trim().is_empty() {
+            return Err(LineError::Input(format!(
+                "the line is empty, but must be {A_PROBLEM}"
+            )));
+        }
+        let mut json = serde_json::Deserializer::from_str(text);
+        let problem: Self =
+            serde_path_to_error::deserialize(&mut json).map_err(|error| explain(&error))?;
+        json.end().map_err(|error| LineError::Json {
+            column: error.column(),
+            problem: "trailing characters; a line holds one object".into(),
+        })?;
+        Ok(problem)
+    }
+
+    /// Solves the problem in the arithmetic `T`.
+    fn answer<T: Scalar>(&self, method: Method) -> Result<Answer, LineError> {
+        let rounded = |field: &dyn fmt::Display, value: f64| {
+            let number = T::of(value);
+            if value.is_finite() && !number.finite() {
+                let limit = T::max_value().map_or(f64::MAX, Scalar::to_f64);
+                return Err(LineError::Input(format!(
+                    "{field} is {value:e}, but this precision ends at {limit:e}"
+                )));
+            }
+            Ok(number)
+        };
+        // A bound in double precision must hold for what single precision chooses.
+        let bound = |field, value| {
+            let number: T = rounded(&field, value)?;
+            let over = number.finite() && number.to_f64() > value && value > 0.0;
+            Ok(Watt(if over { number.next_below() } else { number }))
+        };
+        let limits = SlotLimits {
+            sensor_power_max: bound("sensor_power_max", self.sensor_power_max)?,
+            user_power_max: bound("user_power_max", self.user_power_max)?,
+            noise_power: Watt(rounded(&"noise_power", self.noise_power)?),
+            mse_threshold: rounded(&"mse_threshold", self.mse_threshold)?,
+        };
+        let sensor_gains = (self.sensor_gain.iter().enumerate())
+            .map(|(index, &gain)| {
+                rounded(&format_args!("sensor_gain[{index}]"), gain).map(PowerGain)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let user_gain = match self.user_gain {
+            Some(gain) => Some(PowerGain(rounded(&"user_gain", gain)?)),
+            None => None,
+        };
+        let mut amplitude = vec![T::zero(); sensor_gains.len()];
+        let mut sums = vec![PrefixSum::default(); sensor_gains.len()];
+        let field = SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
+            .map_err(LineError::input)?;
+        let user = user_gain.unwrap_or_default();
+        // Also where another solver answers: it is the check of the user's gain.
+        let exact = field.solve(user_gain).map_err(LineError::input)?;
+        let alternating = alternating::Settings::<T>::default();
+        match method {
+            Method::Exact => Ok(Answer::new(&field, &exact, &sensor_gains, user)),
+            Method::Alternating => {
+                let report = field.alternate(user_gain, &alternating, |_| {});
+                let solution = report.map_err(LineError::input)?.solution;
+                Ok(Answer::new(&field, &solution, &sensor_gains, user))
+            }
+            Method::Conic | Method::ConicAlternating => self.answer_by_clarabel(method),
+        }
+    }
+
+    /// The problem is a checked one.
+    fn answer_by_clarabel(&self, method: Method) -> Result<Answer, LineError> {
+        let limits = SlotLimits {
+            sensor_power_max: Watt(self.sensor_power_max),
+            user_power_max: Watt(self.user_power_max),
+            noise_power: Watt(self.noise_power),
+            mse_threshold: self.mse_threshold,
+        };
+        let gains: Vec<_> = self.sensor_gain.iter().copied().map(PowerGain).collect();
+        let user = self.user_gain.map(PowerGain);
+        let (report, rested) = if method == Method::Conic {
+            (conic::bisect(&limits, &gains, user), Finding::Optimal)
+        } else {
+            let settings = alternating::Settings::default();
+            (
+                conic::alternate(&limits, &gains, user, &settings),
+                Finding::Converged,
+            )
+        };
+        let status = match report.outcome {
+            conic::Outcome::Solved => rested,
+            conic::Outcome::IterationLimit => Finding::IterationLimit,
+            conic::Outcome::Infeasible => Finding::Infeasible,
+            conic::Outcome::SolverFailed(_) => Finding::SolverFailed,
+        };
+        let mse = aircomp::Slot {
+            sensor_gains: &gains,
+            sensor_coefficients: &report.sensor_coefficients,
+            user_gain: user.unwrap_or_default(),
+            user_power: Watt(report.user_power_w),
+            noise_power: limits.noise_power,
+        }
+        .mse(report.normalizing_factor);
+        let feasible = match status {
+            Finding::Infeasible => false,
+            Finding::SolverFailed => mse <= limits.mse_threshold,
+            _ => true,
+        };
+        Ok(Answer {
+            feasible,
+            rate: report.rate,
+            mse,
+            limited_by: report.limited_by,
+            user_power: report.user_power_w,
+            sensor_coefficients: report.sensor_coefficients,
+            eta: report.normalizing_factor,
+            least_mse: report.least_mse,
+            status,
+        })
+    }
+}
+
+impl Answer {
+    fn new<T: Scalar>(
+        field: &SensorField<'_, T>,
+        solution: &Solution<T>,
+        sensor_gains: &[PowerGain<T>],
+        user_gain: PowerGain<T>,
+    ) -> Self {
+        let gains = sensor_gains.iter();
+        let coefficients: Vec<T> = gains.map(|&gain| solution.coefficient(gain)).collect();
+        let mse = aircomp::Slot {
+            sensor_gains,
+            sensor_coefficients: &coefficients,
+            user_gain,
+            user_power: solution.user_power,
+            noise_power: field.limits().noise_power,
+        }
+        .mse(solution.normalizing_factor);
+        Self {
+            feasible: solution.status.is_feasible(),
+            rate: solution.rate.to_f64(),
+            mse: mse.to_f64(),
+            limited_by: solution.status.limited_by(),
+            user_power: solution.user_power.0.to_f64(),
+            sensor_coefficients: coefficients.into_iter().map(Scalar::to_f64).collect(),
+            eta: solution.normalizing_factor.to_f64(),
+            least_mse: field.least_mse().to_f64(),
+            status: match solution.status {
+                Status::Optimal { .. } => Finding::Optimal,
+                Status::Converged { .. } => Finding::Converged,
+                Status::IterationLimit { .. } => Finding::IterationLimit,
+                Status::Guaranteed { .. } => Finding::Guaranteed,
+                Status::Infeasible { .. } => Finding::Infeasible,
+            },
+        }
+    }
+
+    fn write(&self, output: &mut impl Write) -> Result<(), LineError> {
+        serde_json::to_writer(output, self).map_err(|error| LineError::Output(error.into()))
+    }
+}
+
+/// What some editors put in front of a file.
+const BYTE_ORDER_MARK: char = '\u{feff}';
+const A_PROBLEM: &str = "a JSON object with sensor_gain, user_gain, sensor_power_max, \
+                         user_power_max, noise_power and mse_threshold";
+
+/// What is wrong with a line that is no [`Problem`]: the field, and what serde_json says of it.
+fn explain(error: &serde_path_to_error::Error<serde_json::Error>) -> LineError {
+    let cause = error.inner();
+    let words = cause.to_string();
+    // The number of the line is that of the input; a line of its own has but one.
+    let words = words.split(" at line ").next().unwrap_or(&words);
+    let path = error.path().to_string();
+    // The path ends in `?` where the name of a field was being read.
+    let problem = if path == "." || path.contains('?') {
+        format!("{words}; a line is {A_PROBLEM}")
+    } else {
+        format!("{path}: {words}")
+    };
+    LineError::Json {
+        column: cause.column(),
+        problem,
+    }
+}

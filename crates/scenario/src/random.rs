@@ -1,0 +1,239 @@
+//! Draws whole missions at random: layouts, numbers, areas, speeds, powers and thresholds.
+//!
+//! The distribution is that of the benchmark (`benchmarks/`): wider than the paper's Table I, so
+//! that a planner which fits one map only is found out. All of it is our assumption.
+
+use clap::ValueEnum;
+use firmware_core::mission::{Environment, ExcessLoss};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::rates::PlaceRates;
+use super::{
+    AircompTable, MissionTable, Origin, RadioTable, Scenario, ScenarioFile, Sensing, SensorsTable,
+    UsersTable,
+};
+
+/// How users, or sensors, are spread over the area.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Layout {
+    /// Anywhere in the area.
+    Uniform,
+    /// In two to four clusters.
+    Clustered,
+    /// On a ring.
+    Ring,
+    /// Along a line.
+    Line,
+    /// In one corner of the area.
+    Corner,
+}
+
+const LAYOUTS: [Layout; 5] = [
+    Layout::Uniform,
+    Layout::Clustered,
+    Layout::Ring,
+    Layout::Line,
+    Layout::Corner,
+];
+/// Points along each axis at which a draw is checked for rates above 0.
+const CHECKED_POINTS: usize = 16;
+/// The fraction of the rate limit of a slot that some place of a mission has to reach.
+const LEAST_FRACTION: f64 = 0.1;
+/// Draws before a seed is given up; about one in fifty is rejected.
+const DRAWS_MAX: usize = 1000;
+
+/// Draws a mission: 4 to 16 users, 8 to 64 sensors, 30 to 90 slots, `Gamma` from `0.3/J` to
+/// `0.93/J`, noise from -100 to -85 dBm. Users and sensors have layouts of their own, unless
+/// `layout` names one for both. The same seed gives the same mission.
+///
+/// A draw whose destination is out of reach, or in which no place gives a tenth of the rate
+/// limit of a slot, is discarded and the next one taken.
+///
+/// # Errors
+/// A seed that gives no mission in 1000 draws.
+pub fn random(seed: u64, layout: Option<Layout>) -> Result<Scenario, String> {
+    let mut random = Pcg64::seed_from_u64(seed);
+    for _ in 0..DRAWS_MAX {
+        let file = draw(&mut random, layout);
+        if let Ok(scenario) = Scenario::from_file(&format!("random-{seed:04}"), file)
+            && carries_data(&scenario)
+        {
+            return Ok(scenario);
+        }
+    }
+    Err(format!("--seed {seed}: no mission in {DRAWS_MAX} draws"))
+}
+
+fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
+    let mut layout = || layout.unwrap_or_else(|| LAYOUTS[random.random_range(0..LAYOUTS.len())]);
+    let (user_layout, sensor_layout) = (layout(), layout());
+    let side_m = |random: &mut Pcg64| rounded(random.random_range(500.0..1600.0), 10.0);
+    let area_m = [side_m(random), side_m(random)];
+    let users = random.random_range(4..=16);
+    let sensors = random.random_range(8..=64);
+    let threshold = random.random_range(0.3..0.93) / sensors as f64;
+    let mut anywhere = || place(random, area_m, [0.03, 0.97], [0.03, 0.97]);
+    let (start_m, destination_m) = (anywhere(), anywhere());
+    ScenarioFile {
+        mission: MissionTable {
+            slots: random.random_range(30..=90),
+            slot_duration_s: [1.0, 1.0, 2.0][random.random_range(0..3)],
+            start_m,
+            destination_m,
+            area_m,
+            altitude_m: rounded(random.random_range(60.0..150.0), 1.0),
+            max_speed_mps: rounded(random.random_range(10.0..40.0), 0.5),
+        },
+        radio: RadioTable {
+            carrier_hz: 2e9,
+            noise_dbm: rounded(random.random_range(-100.0..-85.0), 0.1),
+            environment: Environment { a: 9.613, b: 0.158 },
+            excess_loss_db: ExcessLoss {
+                los: 1.0,
+                nlos: 20.0,
+            },
+        },
+        aircomp: AircompTable {
+            mse_threshold: rounded(threshold, 1e-6),
+            sensor_power_max_w: rounded(random.random_range(0.02..0.1), 0.001),
+        },
+        users: UsersTable {
+            power_max_w: rounded(random.random_range(0.1..0.4), 0.01),
+            positions_m: places(random, user_layout, users, area_m),
+        },
+        sensors: SensorsTable {
+            positions_m: places(random, sensor_layout, sensors, area_m),
+        },
+        origin: Origin::default(),
+        sensing: Sensing::default(),
+    }
+}
+
+/// Whether some place on a coarse grid gives some user a usable rate.
+fn carries_data(scenario: &Scenario) -> bool {
+    let mission = &scenario.mission;
+    let area = mission.parameters().area;
+    let mut place_rates = PlaceRates::new(mission);
+    let mut rates = vec![0.0; mission.user_count()];
+    let least = LEAST_FRACTION * mission.slot_rate_limit();
+    (0..CHECKED_POINTS * CHECKED_POINTS).any(|index| {
+        let fraction = |index: usize| (index as f64 + 0.5) / CHECKED_POINTS as f64;
+        let east_m = area.east_m * fraction(index % CHECKED_POINTS);
+        let north_m = area.north_m * fraction(index / CHECKED_POINTS);
+        place_rates.write(&firmware_core::Position::new(east_m, north_m), &mut rates);
+        rates.iter().any(|&rate| rate >= least)
+    })
+}
+
+/// The nearest multiple of `step`, without the tail of digits that a product would leave.
+fn rounded(value: f64, step: f64) -> f64 {
+    let inverse = (1.0 / step).round().max(1.0);
+    if step >= 1.0 {
+        (value / step).round() * step
+    } else {
+        (value * inverse).round() / inverse
+    }
+}
+
+/// A place with both coordinates within the given fractions of the area.
+fn place(random: &mut Pcg64, area_m: [f64; 2], east: [f64; 2], north: [f64; 2]) -> [f64; 2] {
+    let mut along = |extent_m: f64, [low, high]: [f64; 2]| {
+        rounded(extent_m * random.random_range(low..high), 0.1)
+    };
+    [along(area_m[0], east), along(area_m[1], north)]
+}
+
+/// `count` places of one layout, inside the area.
+fn places(random: &mut Pcg64, layout: Layout, count: usize, area_m: [f64; 2]) -> Vec<[f64; 2]> {
+    let short_m = area_m[0].min(area_m[1]);
+    let inner = [0.2, 0.8];
+    let inside = |[east, north]: [f64; 2]| {
+        let clamp = |value: f64, extent_m: f64| rounded(value.clamp(0.0, extent_m), 0.1);
+        [clamp(east, area_m[0]), clamp(north, area_m[1])]
+    };
+    let scattered = |random: &mut Pcg64, [east, north]: [f64; 2], spread_m: f64| {
+        // The sum of three uniform numbers is close enough to a normal one.
+        let mut offset = || (0..3).map(|_| random.random_range(-1.0..1.0)).sum::<f64>() * spread_m;
+        inside([east + offset(), north + offset()])
+    };
+    match layout {
+        Layout::Uniform => (0..count)
+            .map(|_| place(random, area_m, [0.02, 0.98], [0.02, 0.98]))
+            .collect(),
+        Layout::Clustered => {
+            let clusters = random.random_range(2..=4);
+            let centers: Vec<_> = (0..clusters)
+                .map(|_| place(random, area_m, [0.1, 0.9], [0.1, 0.9]))
+                .collect();
+            (0..count)
+                .map(|index| scattered(random, centers[index % clusters], 0.05 * short_m))
+                .collect()
+        }
+        Layout::Ring => {
+            let [east, north] = place(random, area_m, [0.4, 0.6], [0.4, 0.6]);
+            let radius_m = short_m * random.random_range(0.2..0.4);
+            (0..count)
+                .map(|_| {
+                    let angle = random.random_range(0.0..std::f64::consts::TAU);
+                    let center = [
+                        east + radius_m * angle.cos(),
+                        north + radius_m * angle.sin(),
+                    ];
+                    scattered(random, center, 0.01 * short_m)
+                })
+                .collect()
+        }
+        Layout::Line => {
+            let [from, to] = [(); 2].map(|()| place(random, area_m, inner, inner));
+            (0..count)
+                .map(|_| {
+                    let along: f64 = random.random_range(-0.3..1.3);
+                    let between = |axis: usize| from[axis] + along * (to[axis] - from[axis]);
+                    scattered(random, [between(0), between(1)], 0.01 * short_m)
+                })
+                .collect()
+        }
+        Layout::Corner => {
+            let mut end = || [[0.02, 0.35], [0.65, 0.98]][random.random_range(0..2)];
+            let (east, north) = (end(), end());
+            (0..count)
+                .map(|_| place(random, area_m, east, north))
+                .collect()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seed_names_one_mission() {
+        for seed in 0..20 {
+            let scenario = random(seed, None).expect("a mission");
+            assert_eq!(scenario, random(seed, None).expect("a mission"));
+            assert_ne!(
+                scenario.digest(),
+                random(seed + 1, None).expect("a mission").digest()
+            );
+            let again = Scenario::parse(&scenario.name, &scenario.to_toml()).expect("valid");
+            assert_eq!(again, scenario);
+        }
+    }
+
+    #[test]
+    fn numbers_are_in_their_ranges_for_every_layout() {
+        for layout in LAYOUTS {
+            for seed in 0..10 {
+                let mission = random(seed, Some(layout)).expect("a mission").mission;
+                let sensors = mission.sensor_count();
+                let threshold = mission.parameters().mse_threshold * sensors as f64;
+                assert!((4..=16).contains(&mission.user_count()));
+                assert!((8..=64).contains(&sensors));
+                assert!((30..=90).contains(&mission.slots()));
+                assert!((0.299..0.931).contains(&threshold), "{threshold}");
+            }
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! What every user would get at a place: the exact slot solution, for all users at once.
+
+use firmware_core::{
+    Mission, Position, PowerGain,
+    inner::{SensorField, SlotLimits, Workspace},
+};
+
+/// The rates of a mission's users, bit/s/Hz, as a function of the vehicle's position.
+///
+/// A place where no choice meets `Gamma` has rate 0 for everybody.
+#[derive(Clone, Debug)]
+pub struct PlaceRates<'m, const M: usize, const J: usize> {
+    mission: &'m Mission<f64, M, J>,
+    limits: SlotLimits<f64>,
+    room: Workspace<f64, J>,
+}
+
+impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
+    /// For a mission.
+    pub fn new(mission: &'m Mission<f64, M, J>) -> Self {
+        Self {
+            mission,
+            limits: SlotLimits::of_mission(mission),
+            room: Workspace::default(),
+        }
+    }
+
+    /// Writes the rate of every user with the vehicle over `place`. One sort of the sensors,
+    /// then `O(log J)` per user.
+    pub fn write(&mut self, place: &Position<f64>, rates: &mut [f64]) {
+        let p = self.mission.parameters();
+        let channel = self.mission.channel();
+        let mut gains = [PowerGain(0.0); J];
+        for (gain, sensor) in gains.iter_mut().zip(&p.sensors) {
+            *gain = channel.power_gain(place, sensor);
+        }
+        let sensors = &gains[..p.sensors.len()];
+        with_field(&mut self.room, &self.limits, sensors, |field| {
+            for (rate, user) in rates.iter_mut().zip(&p.users) {
+                *rate = field.map_or(0.0, |field| field.rate(channel.power_gain(place, user)));
+            }
+        });
+    }
+}
+
+/// Hands over the sorted sensors of a slot. A valid mission's limits and gains make a slot
+/// problem; were they none, nothing could be sent, hence the `None`.
+pub fn with_field<const J: usize>(
+    room: &mut Workspace<f64, J>,
+    limits: &SlotLimits<f64>,
+    sensor_gains: &[PowerGain<f64>],
+    use_field: impl FnOnce(Option<&SensorField<'_, f64>>),
+) {
+    use_field(room.sensors(limits, sensor_gains).ok().as_ref());
+}

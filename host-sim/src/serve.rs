@@ -1,0 +1,62 @@
+//! The vehicle as a process of its own.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration as WallDuration;
+
+use firmware_core::time::{Duration, Instant};
+
+use link::{Link, tlog::wall_clock_us};
+use vehicle::Vehicle;
+
+/// The longest step of its time: where the machine was late, telemetry comes for every part of
+/// what was missed, as from a vehicle that was not.
+const STEP: Duration = Duration::from_millis(10);
+
+/// Runs a vehicle at the other end of `link`, `speed` times as fast as real time, until `stop`
+/// is set. After the vehicle's death the link stays open, and nothing is read or sent.
+/// Answers within the time that a datagram takes; moves on at least every 2 ms.
+pub fn serve(
+    link: &mut dyn Link,
+    mut vehicle: Vehicle,
+    speed: f64,
+    stop: &AtomicBool,
+) -> io::Result<()> {
+    if !(speed.is_finite() && speed > 0.0) {
+        let message = format!("speed is {speed}; it must be a number above 0");
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
+    }
+    let begin = std::time::Instant::now();
+    let nap = WallDuration::from_secs_f64((0.01 / speed).clamp(2e-4, 2e-3));
+    let mut piece = Vec::new();
+    let mut now = Instant::ZERO;
+    while !stop.load(Ordering::Relaxed) {
+        if vehicle.is_dead() {
+            std::thread::sleep(nap);
+            continue;
+        }
+        let came = link.receive(&mut piece, nap)?;
+        vehicle.set_signing_time(wall_clock_us());
+        let clock = Instant::ZERO + Duration::from_secs_f64(begin.elapsed().as_secs_f64() * speed);
+        while now < clock {
+            now = clock.min(now + STEP);
+            vehicle.step(now);
+            send_all(&mut vehicle, link)?;
+        }
+        if came {
+            vehicle.receive(now, &piece);
+            if link.is_datagram() {
+                vehicle.end_of_datagram(now);
+            }
+            send_all(&mut vehicle, link)?;
+        }
+    }
+    Ok(())
+}
+
+fn send_all(vehicle: &mut Vehicle, link: &mut dyn Link) -> io::Result<()> {
+    while let Some(frame) = vehicle.next_frame() {
+        link.send(&frame)?;
+    }
+    Ok(())
+}
