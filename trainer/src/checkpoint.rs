@@ -9,6 +9,7 @@ use std::{fs, path::Path};
 
 use anyhow::{Context, bail, ensure};
 use crc::{CRC_32_ISO_HDLC, Crc};
+use files::output;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
@@ -89,7 +90,7 @@ pub fn write<S: Serialize>(
     let mut bytes = postcard::to_extend(&(progress, learner, replay), bytes)?;
     let checksum = CHECKSUM.checksum(&bytes[10..]);
     bytes[6..10].copy_from_slice(&checksum.to_le_bytes());
-    files::output::write(path, &bytes).with_context(|| path.display().to_string())
+    output::write(path, &bytes).with_context(|| path.display().to_string())
 }
 
 impl<S: DeserializeOwned> Checkpoint<S> {

@@ -17,6 +17,7 @@
 use std::{fmt::Write as _, io, path::Path};
 
 use environment::Episode;
+use files::output;
 use serde::{Deserialize, Serialize};
 
 use crate::learner::Losses;
@@ -129,5 +130,5 @@ pub fn write_csv(path: &Path, rows: &[Row]) -> io::Result<()> {
         }
         text.push('\n');
     }
-    files::output::write(path, text.as_bytes())
+    output::write(path, text.as_bytes())
 }

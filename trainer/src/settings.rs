@@ -15,8 +15,10 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "lowercase")]
 pub enum Algorithm {
     /// Soft actor-critic with a hybrid action ([`crate::sac`]).
+    #[value(help = "Soft actor-critic with a hybrid action")]
     Sac,
     /// Deep deterministic policy gradient ([`crate::ddpg`]).
+    #[value(help = "Deep deterministic policy gradient")]
     Ddpg,
 }
 
@@ -35,12 +37,14 @@ impl Algorithm {
 #[serde(rename_all = "lowercase")]
 pub enum Preset {
     /// Table I.
+    #[value(help = "Table I of the paper")]
     Paper,
     /// The same state, action, networks and episodes with another discount and other learning
     /// rates, and with additions to the paper: how a mission's return is distributed over its slots
     /// ([`Settings::fairness_prices`], [`Settings::value_shaping`]), and for SAC which transitions
     /// are stored and where entropy counts ([`Settings::alternative_users`],
     /// [`Settings::entropy_when_forced`]).
+    #[value(help = "The settings with the best results so far (docs/training.md)")]
     Tuned,
 }
 

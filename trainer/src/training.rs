@@ -6,6 +6,7 @@ use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use anyhow::{Context, bail, ensure};
 use environment::Environment;
+use files::output;
 use firmware_core::policy::mlp::Mlp;
 use planning::bound;
 use rand::SeedableRng;
@@ -83,7 +84,7 @@ impl<L: Learner> Training<L> {
         };
         std::fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
         run::clear(&directory).with_context(|| directory.display().to_string())?;
-        files::output::write(&directory.join(SCENARIO), scenario.to_toml().as_bytes())?;
+        output::write(&directory.join(SCENARIO), scenario.to_toml().as_bytes())?;
         let training = Self::assemble(progress, learner, replay, scenario, directory);
         training.save_settings()?;
         // From here on the directory contains a run that can be resumed.
@@ -217,7 +218,7 @@ impl<L: Learner> Training<L> {
     fn diverged<T>(&self, Divergence { name, value }: Divergence) -> anyhow::Result<T> {
         let path = self.directory.join(DIVERGED);
         let batch = serde_json::to_vec_pretty(self.learner.batch())?;
-        files::output::write(&path, &batch)?;
+        output::write(&path, &batch)?;
         bail!(
             "episode {}: {name} is {value}, beyond loss_limit {}; the batch is in {}",
             self.progress.episode + 1,
@@ -249,7 +250,7 @@ impl<L: Learner> Training<L> {
                 flight: flight.clone(),
             });
             let onnx = onnx::write(&actor);
-            files::output::write(&self.directory.join(POLICY), &onnx)?;
+            output::write(&self.directory.join(POLICY), &onnx)?;
         }
         progress.latest = actor;
         Ok(flight)
@@ -258,7 +259,7 @@ impl<L: Learner> Training<L> {
     fn save_settings(&self) -> anyhow::Result<()> {
         let settings = toml::to_string(&self.progress.settings)?;
         let path = self.directory.join(SETTINGS);
-        files::output::write(&path, settings.as_bytes()).with_context(|| path.display().to_string())
+        output::write(&path, settings.as_bytes()).with_context(|| path.display().to_string())
     }
 
     fn save(&self) -> anyhow::Result<()> {

@@ -9,9 +9,19 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "lowercase")]
 pub enum Constraints {
     /// The shield projects it, as it does in flight: every episode arrives and is fair.
+    #[cfg_attr(
+        feature = "clap",
+        value(help = "The shield projects them, as in flight: every episode arrives and is fair")
+    )]
     Shielded,
     /// The paper's form: only area and speed are projected; an unfair choice earns nothing
     /// (`r^c = 0`), a missed destination costs (`r^d`).
+    #[cfg_attr(
+        feature = "clap",
+        value(
+            help = "Only area and speed are enforced; the reward accounts for fairness and arrival"
+        )
+    )]
     Penalty,
 }
 

@@ -3,6 +3,7 @@
 use std::{path::Path, process::ExitCode};
 
 use anyhow::Context;
+use files::output;
 
 /// The reason why a command failed.
 #[derive(Debug)]
@@ -30,6 +31,6 @@ pub(super) type Outcome = Result<(), Failure>;
 
 /// Writes a file atomically.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Outcome {
-    let written = files::output::write(path, bytes).with_context(|| path.display().to_string());
+    let written = output::write(path, bytes).with_context(|| path.display().to_string());
     written.map_err(Failure::Failed)
 }
