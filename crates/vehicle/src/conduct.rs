@@ -5,8 +5,9 @@ use firmware_core::autopilot::profile::Firmware;
 use firmware_core::time::Duration;
 use mavlink::dialects::common::MavSeverity;
 
-use super::body::{Ability, Demand};
-use super::{FlightMode, Setpoint, Vehicle};
+use super::ability::Ability;
+use super::body::Demand;
+use super::simulated::{FlightMode, Setpoint, Vehicle};
 
 /// On the ground in a landing mode for this long, the motors stop.
 const DISARM_AFTER: Duration = Duration::from_secs(1);

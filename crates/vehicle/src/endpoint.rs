@@ -13,8 +13,8 @@ use mavlink::dialects::common::{
 
 use super::body::Target;
 use super::parameters::Value;
-use super::telemetry::LOCAL_POSITION_NED;
-use super::{FlightMode, Setpoint, Vehicle};
+use super::simulated::{FlightMode, Setpoint, Vehicle};
+use super::streams::LOCAL_POSITION_NED;
 
 /// Setpoints further apart than this do not make a stream (PX4 asks for 2 Hz).
 const STREAM_GAP: Duration = Duration::from_millis(500);

@@ -15,31 +15,9 @@ use mavlink::dialects::common::{
 };
 
 use super::body::Demand;
-use super::{FlightMode, Vehicle};
+use super::mission_store::{Incoming, Missions};
+use super::simulated::{FlightMode, Vehicle};
 
-/// A transfer to us.
-#[derive(Debug)]
-struct Incoming {
-    from: Address,
-    count: u16,
-    items: Vec<MISSION_ITEM_INT_DATA>,
-    /// The sender does not know the old form of requests.
-    new_requests: bool,
-    asked: Instant,
-    progress: Instant,
-}
-
-/// What is stored, what is coming, and where a flight through it is.
-#[derive(Debug, Default)]
-pub(super) struct Missions {
-    items: Vec<MISSION_ITEM_INT_DATA>,
-    incoming: Option<Incoming>,
-    stored_at: Option<Instant>,
-    current: usize,
-    speed_mps: Option<f64>,
-}
-
-/// An item that was not answered is asked for again.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 /// Without progress for this long a transfer is over.
 const GIVE_UP: Duration = Duration::from_secs(8);
@@ -53,12 +31,6 @@ const NO_SPACE_UNTIL: Instant = Instant::from_micros(2_400_000);
 const CAPACITY: u16 = 700;
 
 const MISSION: MavMissionType = MavMissionType::MAV_MISSION_TYPE_MISSION;
-
-impl Missions {
-    pub(super) fn len(&self) -> usize {
-        self.items.len()
-    }
-}
 
 impl Vehicle {
     /// Takes a message of the mission protocol; false if it is none.

@@ -1,6 +1,6 @@
 //! Parameters: what clips the vehicle's speed and acceleration, readable and settable by name.
 
-use super::body::Ability;
+use super::ability::Ability;
 use super::profile::Profile;
 
 /// A parameter's value and its type on the wire.

@@ -6,9 +6,10 @@ use firmware_core::autopilot::guidance::Limits;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::time::Duration;
 
-use super::body::Ability;
-use super::telemetry::HEARTBEAT;
+use super::ability::Ability;
 use super::timing::{Pauses, Sampling};
+use mavlink::MessageData;
+use mavlink::dialects::common::HEARTBEAT_DATA;
 
 /// Which vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -155,7 +156,7 @@ impl Profile {
     /// Ids of messages whose interval it does not let anybody set: PX4's heartbeat.
     pub(super) fn refused_intervals(self) -> Vec<u32> {
         match self {
-            Self::Px4 => vec![HEARTBEAT],
+            Self::Px4 => vec![HEARTBEAT_DATA::ID],
             _ => Vec::new(),
         }
     }

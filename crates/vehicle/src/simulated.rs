@@ -1,0 +1,328 @@
+//! The vehicle itself: its clock, its link and what it does in a step. The parts of its behaviour are in
+//! `endpoint` (what it takes), `telemetry` (what it sends), `missions` and `conduct` (how it flies).
+
+use std::collections::VecDeque;
+
+use firmware_core::Position;
+use firmware_core::autopilot::profile::Firmware;
+use firmware_core::autopilot::wire::signing::{Signer, Verifier};
+use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
+use firmware_core::time::{Duration, Instant};
+use mavlink::dialects::common::MavMessage;
+use nalgebra::Vector2;
+
+use super::body::{Body, Target};
+use super::mission_store::Missions;
+use super::parameters::Parameters;
+use super::profile::Profile;
+use super::settings::{Faults, VehicleSettings};
+use super::streams::Streams;
+use super::timing::{StallingClock, Timing};
+use super::wind::Wind;
+
+/// What the vehicle is doing. Numbers for the wire come from its [`Firmware`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlightMode {
+    /// A person flies by hand; without one it hovers.
+    Manual,
+    /// Stays where it is.
+    Loiter,
+    /// Follows setpoints: GUIDED, OFFBOARD.
+    Guided,
+    /// Flies its mission.
+    Auto,
+    /// Returns to where it took off.
+    Return,
+    /// Lands.
+    Land,
+}
+
+/// A setpoint and when it came.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Setpoint {
+    pub(super) came: Instant,
+    pub(super) target: Target,
+}
+
+/// One step of the body.
+const STEP: Duration = Duration::from_millis(10);
+/// Frames that nobody fetched; older ones go.
+const OUTBOX: usize = 4096;
+
+/// The vehicle.
+#[derive(Debug)]
+pub struct Vehicle {
+    pub(super) settings: VehicleSettings,
+    pub(super) firmware: Firmware,
+    pub(super) decoder: Decoder,
+    pub(super) encoder: Encoder,
+    /// Frames and when they leave.
+    pub(super) outbox: VecDeque<(Instant, Vec<u8>)>,
+    pub(super) timing: Timing,
+    pub(super) stalling: StallingClock,
+    /// The vehicle's time up to which the body has moved, and the latest.
+    pub(super) time: Instant,
+    pub(super) clock: Instant,
+    pub(super) wind: Wind,
+    pub(super) body: Body,
+    pub(super) home: Position<f64>,
+    pub(super) mode: FlightMode,
+    pub(super) armed: bool,
+    pub(super) armed_at: Instant,
+    /// A take-off under way, to this altitude.
+    pub(super) take_off_to: Option<f64>,
+    pub(super) hold_altitude_m: f64,
+    pub(super) setpoint: Option<Setpoint>,
+    /// The one before it, which is flown until the latest has its effect.
+    pub(super) previous: Option<Setpoint>,
+    /// Since when setpoints have flowed without a gap.
+    pub(super) stream_since: Option<Instant>,
+    pub(super) landed_since: Option<Instant>,
+    /// The last heartbeat of the ground station that counts for the failsafe.
+    pub(super) ground_heard: Option<Instant>,
+    /// ArduCopter: a number that is not one reached the position controller.
+    pub(super) crashed: bool,
+    /// PX4: left OFFBOARD because setpoints stopped.
+    pub(super) sinks: bool,
+    pub(super) missions: Missions,
+    pub(super) parameters: Parameters,
+    pub(super) streams: Streams,
+    /// Set from outside to make things go wrong.
+    pub faults: Faults,
+}
+
+impl Vehicle {
+    /// A vehicle on the ground.
+    pub fn new(settings: VehicleSettings) -> Self {
+        let firmware = settings.profile.firmware();
+        let address = Address {
+            system: settings.system,
+            component: 1,
+        };
+        let mut parameters = Parameters::of(settings.profile);
+        for (name, value) in &settings.parameters {
+            parameters.set(name, *value);
+        }
+        let (mut decoder, mut encoder) = (Decoder::new(), Encoder::new(address));
+        if let Some((key, epoch_us)) = &settings.signing {
+            encoder.sign_with(Signer::new(key.clone(), 0, *epoch_us));
+            decoder.require_signatures(Verifier::new(key.clone(), *epoch_us));
+        }
+        Self {
+            firmware,
+            decoder,
+            encoder,
+            outbox: VecDeque::new(),
+            timing: Timing::new(settings.sampling, settings.hiccups, settings.seed),
+            stalling: StallingClock::new(settings.stalls, settings.seed),
+            time: Instant::ZERO,
+            clock: Instant::ZERO,
+            wind: Wind::new(settings.wind_mps, settings.seed),
+            body: Body::on_ground(settings.start, settings.profile),
+            home: settings.start,
+            mode: FlightMode::Manual,
+            armed: false,
+            armed_at: Instant::ZERO,
+            take_off_to: None,
+            hold_altitude_m: 0.0,
+            setpoint: None,
+            previous: None,
+            stream_since: None,
+            landed_since: None,
+            ground_heard: None,
+            crashed: false,
+            sinks: false,
+            missions: Missions::default(),
+            parameters,
+            streams: Streams::of(settings.profile),
+            faults: Faults::default(),
+            settings,
+        }
+    }
+
+    /// Its clock: the time that its messages are stamped with.
+    pub fn boot_time(&self) -> Instant {
+        self.time
+    }
+
+    /// Whether it follows the paper's kinematics: it is where its last setpoint says.
+    pub fn is_ideal(&self) -> bool {
+        self.settings.profile == Profile::Ideal
+    }
+
+    /// Where it really is, on the map, m.
+    pub fn true_position(&self) -> Position<f64> {
+        self.body.position
+    }
+
+    /// Its real velocity, m/s.
+    pub fn velocity(&self) -> Vector2<f64> {
+        self.body.velocity
+    }
+
+    /// Its real height above the ground, m.
+    pub fn altitude_m(&self) -> f64 {
+        self.body.altitude_m
+    }
+
+    /// Whether its motors may turn.
+    pub fn armed(&self) -> bool {
+        self.armed
+    }
+
+    /// What it is doing.
+    pub fn mode(&self) -> FlightMode {
+        self.mode
+    }
+
+    /// How many mission items it has stored.
+    pub fn mission_items(&self) -> usize {
+        self.missions.len()
+    }
+
+    /// Whether the moment of [`VehicleSettings::die_after`] has come.
+    pub fn is_dead(&self) -> bool {
+        let end = self.settings.die_after;
+        end.is_some_and(|after| self.clock >= Instant::ZERO + after)
+    }
+
+    /// The vehicle's own time at the caller's `now`.
+    pub(super) fn own_time(&mut self, now: Instant) -> Instant {
+        let now = self.stalling.time(now);
+        Instant::from_micros((now.micros() as f64 * self.settings.clock_rate).round() as u64)
+    }
+
+    /// Takes a datagram, or a piece of a byte stream, that came at `now`.
+    pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
+        self.step(now);
+        if self.is_dead() {
+            return;
+        }
+        let now = self.clock;
+        // The decoder is lent out while frames borrow from it.
+        let mut decoder = std::mem::take(&mut self.decoder);
+        while let Some(frame) = decoder.next_frame(&mut bytes) {
+            let sender = frame.sender();
+            // A value outside an enumeration: such a frame means nothing to us.
+            if let Ok(message) = frame.message() {
+                self.handle(now, sender, &message);
+            }
+        }
+        self.decoder = decoder;
+    }
+
+    /// The datagram is over: a frame that is not whole never will be.
+    pub fn end_of_datagram(&mut self, now: Instant) {
+        self.step(now);
+        let now = self.clock;
+        let mut decoder = std::mem::take(&mut self.decoder);
+        while let Some(frame) = decoder.end_of_datagram() {
+            if let Ok(message) = frame.message() {
+                self.handle(now, frame.sender(), &message);
+            }
+        }
+        self.decoder = decoder;
+    }
+
+    /// Lets the time pass up to `now`.
+    pub fn step(&mut self, now: Instant) {
+        if self.is_dead() {
+            return;
+        }
+        let own = self.own_time(now).max(self.clock);
+        // Real autopilots send from the loop that moves the body; the others when they are asked.
+        let regular = self.firmware != Firmware::Generic;
+        while self.time + STEP <= own {
+            self.time += STEP;
+            self.clock = self.time;
+            self.step_body();
+            if regular {
+                self.transmit_due(self.time);
+            }
+        }
+        self.clock = own;
+        self.tend_mission_transfer(own);
+        if !regular {
+            self.transmit_due(own);
+        }
+    }
+
+    /// The next frame it sends; one datagram each.
+    pub fn next_frame(&mut self) -> Option<Vec<u8>> {
+        let (leaves, _) = self.outbox.front()?;
+        if *leaves > self.clock || self.is_dead() {
+            return None;
+        }
+        self.outbox.pop_front().map(|(_, frame)| frame)
+    }
+
+    /// A pilot switches the mode with the remote control.
+    pub fn pilot_sets_mode(&mut self, now: Instant, mode: FlightMode) {
+        self.step(now);
+        self.set_mode(mode);
+    }
+
+    /// Sets the clock of signatures, microseconds since 1970; it never goes back. It is no part
+    /// of simulated time: signatures of today must not look like tomorrow's.
+    pub fn set_signing_time(&mut self, unix_us: u64) {
+        if let Some(signer) = self.encoder.signer_mut() {
+            signer.set_time(unix_us);
+        }
+        if let Some(verifier) = self.decoder.verifier_mut() {
+            verifier.set_time(unix_us);
+        }
+    }
+
+    pub(super) fn send(&mut self, message: &MavMessage) {
+        if self.crashed {
+            return;
+        }
+        let mut buffer = [0; MAX_FRAME];
+        let frame = self.encoder.encode(message, &mut buffer).to_vec();
+        self.enqueue(frame);
+    }
+
+    /// Frames of regular messages leave with jitter; see [`Streams`].
+    pub(super) fn enqueue(&mut self, frame: Vec<u8>) {
+        if self.outbox.len() >= OUTBOX {
+            self.outbox.pop_front();
+        }
+        let leaves = self.timing.leaves(self.clock, self.streams.sending);
+        self.outbox.push_back((leaves, frame));
+    }
+
+    pub(super) fn is_ready(&self) -> bool {
+        self.time >= Instant::ZERO + self.settings.ready_after
+    }
+
+    pub(super) fn set_mode(&mut self, mode: FlightMode) {
+        if self.mode != mode {
+            self.mode = mode;
+            self.setpoint = None;
+            self.take_off_to = None;
+            self.hold_altitude_m = self.body.altitude_m;
+            self.landed_since = None;
+            self.sinks = false;
+            // Where heartbeats come once a second, the next one tells.
+            if !self.faults.no_heartbeat && self.firmware.sends_heartbeats_on_request() {
+                self.send_heartbeat();
+            }
+        }
+    }
+
+    pub(super) fn step_body(&mut self) {
+        self.own_failsafes();
+        self.fly_mission();
+        let demand = self.demand();
+        let ability = self.ability();
+        let air = self.wind.step(STEP.as_secs_f64());
+        self.body.step(STEP.as_secs_f64(), &demand, &ability, &air);
+        if let Some(altitude_m) = self.take_off_to
+            && (self.body.altitude_m - altitude_m).abs() < 0.3
+        {
+            self.take_off_to = None;
+            self.hold_altitude_m = altitude_m;
+        }
+        self.stop_motors_on_ground();
+    }
+}
