@@ -62,6 +62,7 @@ pub mod autopilot;
 pub mod channel;
 pub mod console;
 pub mod controller;
+mod counter;
 pub mod inner;
 pub mod link;
 pub mod mission;

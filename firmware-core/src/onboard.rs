@@ -32,9 +32,8 @@ use crate::{
         },
     },
     controller::{ChannelSource, ChannelState, Controller, ControllerError, SlotCommand},
-    link::{
-        self, Arrival, Decoder, FRAME_MAX, Message, SlotCounters, VehicleStatus, status::count,
-    },
+    counter::count,
+    link::{self, Arrival, Decoder, FRAME_MAX, Message, SlotCounters, VehicleStatus},
     policy::Policy,
     scalar::{Position, Scalar},
     time::{Duration, Instant},

@@ -333,9 +333,8 @@ mod tests {
         assert_eq!(clock.rate(), 1.0);
     }
 
-    /// ArduCopter's simulation catches up 100 ms of a stall at most: the rest is lost for good.
-    #[test]
-    /// PX4's lost 150 ms beside builds. Small stalls are corrected smoothly.
+    /// ArduCopter's simulation makes up for at most 100 ms of a stall; the rest is lost. PX4's
+    /// lost 150 ms on a busy machine. Small stalls are corrected smoothly.
     #[test]
     fn time_that_the_vehicle_lost_is_known_soon() {
         for lost_ms in [30, 60, 150, 516] {

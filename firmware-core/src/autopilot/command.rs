@@ -6,10 +6,15 @@
 
 use core::fmt;
 
-use mavlink::dialects::common::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavResult};
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA,
+    EXTENDED_SYS_STATE_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA,
+    MavCmd, MavResult, SYS_STATUS_DATA,
+};
 
 use super::profile::{Firmware, Mode};
-use super::wire::Address;
+use super::wire::{Address, ekf_status_report};
 use crate::time::{Duration, Instant};
 
 /// What can be asked of an autopilot.
@@ -101,17 +106,17 @@ impl Request {
     }
 }
 
-/// The names of the messages that the client asks for.
+/// Returns the name of a message that the client asks for.
 fn message_name(id: u32) -> Option<&'static str> {
     Some(match id {
-        0 => "HEARTBEAT",
-        1 => "SYS_STATUS",
-        32 => "LOCAL_POSITION_NED",
-        49 => "GPS_GLOBAL_ORIGIN",
-        193 => "EKF_STATUS_REPORT",
-        230 => "ESTIMATOR_STATUS",
-        245 => "EXTENDED_SYS_STATE",
-        436 => "CURRENT_MODE",
+        CURRENT_MODE_DATA::ID => CURRENT_MODE_DATA::NAME,
+        ESTIMATOR_STATUS_DATA::ID => ESTIMATOR_STATUS_DATA::NAME,
+        EXTENDED_SYS_STATE_DATA::ID => EXTENDED_SYS_STATE_DATA::NAME,
+        GPS_GLOBAL_ORIGIN_DATA::ID => GPS_GLOBAL_ORIGIN_DATA::NAME,
+        HEARTBEAT_DATA::ID => HEARTBEAT_DATA::NAME,
+        LOCAL_POSITION_NED_DATA::ID => LOCAL_POSITION_NED_DATA::NAME,
+        SYS_STATUS_DATA::ID => SYS_STATUS_DATA::NAME,
+        ekf_status_report::ID => ekf_status_report::NAME,
         _ => return None,
     })
 }
@@ -367,7 +372,7 @@ mod tests {
     #[test]
     fn a_message_interval_that_failed_is_refused_for_good() {
         let request = Request::MessageInterval {
-            message: 0,
+            message: HEARTBEAT_DATA::ID,
             interval: Duration::from_millis(200),
         };
         let mut pending = Pending::new(at(0), request);
@@ -403,7 +408,7 @@ mod tests {
         for firmware in [Firmware::Generic, Firmware::ArduCopter, Firmware::Px4] {
             for request in [
                 Request::MessageInterval {
-                    message: 32,
+                    message: LOCAL_POSITION_NED_DATA::ID,
                     interval: Duration::from_micros(u64::MAX),
                 },
                 Request::SetMode(firmware.control_mode()),

@@ -7,7 +7,11 @@
 //!      from any phase in control: Released              └─ Landed or Failed
 //! ```
 
-use mavlink::dialects::common::MavResult;
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA, GPS_GLOBAL_ORIGIN_DATA,
+    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavResult, SYS_STATUS_DATA,
+};
 
 use super::command::{Outcome, Pending, Request};
 use super::event::Event;
@@ -15,6 +19,7 @@ use super::failsafe::{Cause, Reaction};
 use super::guidance::Guide;
 use super::profile::{Firmware, Mode};
 use super::telemetry::{Fix, Sample};
+use super::wire::ekf_status_report;
 use super::{Autopilot, LegEnd, Obstacle, Phase, Stream, Tick};
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
@@ -38,15 +43,6 @@ const LAG_MOST_S: f64 = 0.15;
 /// Above this height over the start the vehicle counts as in the air, m.
 const AIRBORNE_M: f64 = 1.0;
 
-const HEARTBEAT: u32 = 0;
-const LOCAL_POSITION_NED: u32 = 32;
-const SYS_STATUS: u32 = 1;
-const GPS_GLOBAL_ORIGIN: u32 = 49;
-const ESTIMATOR_STATUS: u32 = 230;
-const EKF_STATUS_REPORT: u32 = 193;
-const EXTENDED_SYS_STATE: u32 = 245;
-const CURRENT_MODE: u32 = 436;
-
 impl<T: Scalar> Autopilot<T> {
     /// Telemetry that is asked for, one command after the other.
     fn subscription(&self, step: u8, firmware: Firmware) -> Option<Request> {
@@ -54,14 +50,17 @@ impl<T: Scalar> Autopilot<T> {
         let half_second = Duration::from_millis(500);
         let fifth = Duration::from_millis(200);
         match step {
-            0 => every(LOCAL_POSITION_NED, self.settings.telemetry_interval),
-            1 if firmware == Firmware::ArduCopter => every(EKF_STATUS_REPORT, half_second),
-            1 => every(ESTIMATOR_STATUS, half_second),
-            2 => every(SYS_STATUS, half_second),
-            3 => every(EXTENDED_SYS_STATE, half_second),
+            0 => every(
+                LOCAL_POSITION_NED_DATA::ID,
+                self.settings.telemetry_interval,
+            ),
+            1 if firmware == Firmware::ArduCopter => every(ekf_status_report::ID, half_second),
+            1 => every(ESTIMATOR_STATUS_DATA::ID, half_second),
+            2 => every(SYS_STATUS_DATA::ID, half_second),
+            3 => every(EXTENDED_SYS_STATE_DATA::ID, half_second),
             // Tells a change of mode sooner, and survives a link that loses frames.
-            4 if firmware.sends_heartbeats_on_request() => every(HEARTBEAT, fifth),
-            4 => every(CURRENT_MODE, fifth),
+            4 if firmware.sends_heartbeats_on_request() => every(HEARTBEAT_DATA::ID, fifth),
+            4 => every(CURRENT_MODE_DATA::ID, fifth),
             _ => None,
         }
     }
@@ -205,7 +204,7 @@ impl<T: Scalar> Autopilot<T> {
                 self.pending = Some(Pending::new(
                     now,
                     Request::Message {
-                        message: GPS_GLOBAL_ORIGIN,
+                        message: GPS_GLOBAL_ORIGIN_DATA::ID,
                     },
                 ));
             }

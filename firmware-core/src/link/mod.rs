@@ -228,7 +228,7 @@ impl<const N: usize> Decoder<N> {
         self.buffer.clear();
         self.overflowed = false;
         match &outcome {
-            Ok(_) => status::count(&mut self.counters.messages),
+            Ok(_) => crate::counter::count(&mut self.counters.messages),
             Err(error) => self.counters.note(*error),
         }
         Some(outcome)

@@ -13,11 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::FrameError;
 use crate::autopilot::wire;
-
-/// Adds one, and stays at the largest value.
-pub(crate) fn count(counter: &mut u32) {
-    *counter = counter.saturating_add(1);
-}
+use crate::counter::count;
 
 /// What a decoder of the ground link has seen: one counter per outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -3,11 +3,13 @@
 use std::{vec, vec::Vec};
 
 use mavlink::dialects::common::{
-    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavModeFlag, MavState, MavType,
+    EstimatorStatusFlags, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavMessage,
+    MavModeFlag, MavState, MavType,
 };
 use proptest::prelude::*;
 
-use super::signing::{Signer, SigningKey};
+use super::layout::{SIGNATURE, START};
+use super::signing::{Signer, SigningKey, Verifier};
 use super::*;
 
 const OWN: Address = Address {
