@@ -12,7 +12,7 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use firmware_core::{
     PowerGain, Scalar,
-    inner::{PrefixSum, SensorField, SlotLimits, Workspace, alternating::Settings},
+    inner::{PrefixSum, SensorField, SlotLimits, Workspace, alternating::AlternatingSettings},
 };
 use random_slots::{Problem, generator, log_uniform};
 
@@ -118,9 +118,9 @@ fn alternating(criterion: &mut Criterion) {
     }
     let mut group = criterion.benchmark_group("alternating");
     for tolerance in [1e-3, 1e-6] {
-        let settings = Settings {
+        let settings = AlternatingSettings {
             tolerance,
-            ..Settings::default()
+            ..AlternatingSettings::default()
         };
         let mut next = (0..DISTINCT).cycle();
         group.bench_function(BenchmarkId::new("slot, J = 36, xi", tolerance), |bencher| {

@@ -1,7 +1,7 @@
 //! The console: a board's third serial line, over which somebody tells it what to fly.
 //!
-//! An image holds no mission. Before a flight it takes an [`Order`]: the mission, the vehicle's
-//! limits, who decides and whose clock counts. It answers [`Report::Ready`], or refuses and says
+//! An image holds no mission. Before a flight it takes a [`MissionOrder`]: the mission, the vehicle's
+//! limits, who decides and whose clock counts. It answers [`BoardReport::Ready`], or refuses and says
 //! why; then it flies. Frames are those of the [ground link](crate::link) under a version of their
 //! own, always in single precision.
 //!
@@ -27,14 +27,14 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Mission, SENSORS_MAX, USERS_MAX,
     autopilot::{
-        Autopilot, Geofence, Phase, Settings, SettingsError, failsafe::Watch, frames::Geodetic,
-        guidance::Limits, preflight::Preflight,
+        Autopilot, AutopilotSettings, Geofence, Phase, SettingsError, failsafe::Watch,
+        frames::Geodetic, guidance::Limits, preflight::Preflight,
     },
     controller::Controller,
     link::{self, Decoder, FrameError, FrameTooLong},
     mission::{MissionError, MissionParameters},
     onboard::{self, Onboard, Stage},
-    policy::{Action, Misfit, Observation, Policy, StraightLine, mlp::Mlp},
+    policy::{Action, Observation, Policy, PolicyMismatch, StraightLine, mlp::Mlp},
     scalar::{Position, Scalar},
     time::{Duration, Instant},
 };
@@ -56,7 +56,7 @@ pub type BoardComputer<B> = Onboard<f32, BoardPolicy<B>, USERS_MAX, SENSORS_MAX>
 
 /// Who decides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Decider {
+pub enum PolicyKind {
     /// The trained policy in the board's flash.
     Trained,
     /// Straight to the destination, nearest user.
@@ -74,7 +74,7 @@ pub enum Clock {
 
 /// All that a board is told before a flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Order {
+pub struct MissionOrder {
     /// What to fly, not yet checked.
     pub mission: MissionParameters<f32, USERS_MAX, SENSORS_MAX>,
     /// Where the map's origin lies on Earth.
@@ -86,7 +86,7 @@ pub struct Order {
     /// How long the ground may be silent before the vehicle is landed.
     pub ground_patience: Option<Duration>,
     /// Who decides.
-    pub decider: Decider,
+    pub policy_kind: PolicyKind,
     /// Whose clock counts.
     pub clock: Clock,
 }
@@ -148,7 +148,7 @@ pub struct Footprint {
 #[allow(clippy::large_enum_variant)] // no allocator
 pub enum Call {
     /// Fly this.
-    Order(Order),
+    Order(MissionOrder),
     /// On a bench: a moment of time.
     Tick(Tick),
     /// Land: a person asks for it.
@@ -159,7 +159,7 @@ pub enum Call {
 
 /// From the board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Report {
+pub enum BoardReport {
     /// The order was taken.
     Ready,
     /// It was not, and why; another may follow.
@@ -182,14 +182,17 @@ pub fn encode_call<'f>(call: &Call, frame: &'f mut [u8]) -> Result<&'f [u8], Fra
     link::seal::<CONSOLE_FRAME_MAX>(CONSOLE_VERSION, call, frame)
 }
 
-/// The longest frame of a [`Report`].
+/// The longest frame of a [`BoardReport`].
 pub const REPORT_FRAME_MAX: usize = 160;
 
 /// Writes a report as a frame.
 ///
 /// # Errors
 /// It does not fit; [`REPORT_FRAME_MAX`] bytes always suffice.
-pub fn encode_report<'f>(report: &Report, frame: &'f mut [u8]) -> Result<&'f [u8], FrameTooLong> {
+pub fn encode_report<'f>(
+    report: &BoardReport,
+    frame: &'f mut [u8],
+) -> Result<&'f [u8], FrameTooLong> {
     link::seal::<REPORT_FRAME_MAX>(CONSOLE_VERSION, report, frame)
 }
 
@@ -210,7 +213,7 @@ pub struct Reports(Decoder<REPORT_FRAME_MAX>);
 
 impl Reports {
     /// Takes a byte. At the end of a frame: its report, or why it has none.
-    pub fn push(&mut self, byte: u8) -> Option<Result<Report, FrameError>> {
+    pub fn push(&mut self, byte: u8) -> Option<Result<BoardReport, FrameError>> {
         self.0.push_of(CONSOLE_VERSION, byte)
     }
 }
@@ -252,13 +255,13 @@ impl<B: AsRef<[u8]>> Policy<f32, USERS_MAX> for BoardPolicy<B> {
 
 /// Why an order is not flown.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Refusal {
+pub enum OrderError {
     /// The mission is none.
     #[error(transparent)]
     Mission(#[from] MissionError<f32>),
     /// The trained policy is for another one.
     #[error(transparent)]
-    Policy(#[from] Misfit),
+    Policy(#[from] PolicyMismatch),
     /// There is none.
     #[error("there is no trained policy here")]
     NoPolicy,
@@ -284,39 +287,39 @@ pub fn slot_patience(slot_duration_s: f32) -> Duration {
     Duration::from_secs_f64(2.0 * f64::from(slot_duration_s)) + SLOT_MARGIN
 }
 
-impl Order {
+impl MissionOrder {
     /// Whether a watchdog that can be told to wait `longest` can wait for a slot.
     ///
     /// # Errors
     /// It cannot: it would stop the board in a slot that is flown as it should be.
-    pub fn check_watchdog(&self, longest: Duration) -> Result<(), Refusal> {
+    pub fn check_watchdog(&self, longest: Duration) -> Result<(), OrderError> {
         let slot_s = self.mission.slot_duration_s;
         if slot_patience(slot_s) <= longest {
             return Ok(());
         }
         let most_s = longest.saturating_sub(SLOT_MARGIN).as_secs_f64() / 2.0;
-        Err(Refusal::SlotTooLong { slot_s, most_s })
+        Err(OrderError::SlotTooLong { slot_s, most_s })
     }
 
     /// The onboard computer that flies this order; `trained` is the policy at hand.
     ///
     /// # Errors
     /// A mission that is none, a policy that is for another one, settings that cannot be flown.
-    pub fn commission<B: AsRef<[u8]> + Clone>(
+    pub fn build<B: AsRef<[u8]> + Clone>(
         &self,
         trained: Option<&Mlp<B>>,
-    ) -> Result<BoardComputer<B>, Refusal> {
+    ) -> Result<BoardComputer<B>, OrderError> {
         let mission = BoardMission::new(self.mission.clone())?;
-        let policy = match self.decider {
-            Decider::Trained => {
-                let trained = trained.ok_or(Refusal::NoPolicy)?;
+        let policy = match self.policy_kind {
+            PolicyKind::Trained => {
+                let trained = trained.ok_or(OrderError::NoPolicy)?;
                 trained.provenance().check(&mission)?;
                 BoardPolicy::Trained(trained.clone())
             }
-            Decider::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
+            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
         };
         let p = &self.mission;
-        let flight = Settings {
+        let flight = AutopilotSettings {
             limits: self.limits,
             geofence: self.geofence,
             watch: Watch {
@@ -324,19 +327,19 @@ impl Order {
                 ..Watch::default()
             },
             preflight: Preflight::of(p),
-            ..Settings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
+            ..AutopilotSettings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
         };
         let autopilot = Autopilot::new(flight)?;
         let controller = Controller::new(mission, policy);
         Ok(Onboard::new(
-            onboard::Settings::default(),
+            onboard::OnboardSettings::default(),
             controller,
             autopilot,
         ))
     }
 }
 
-/// A mission's parameters in single precision, as an [`Order`] carries them: places to 0.06 mm in
+/// A mission's parameters in single precision, as a [`MissionOrder`] carries them: places to 0.06 mm in
 /// a kilometre.
 pub fn in_single_precision<T: Scalar, const M: usize, const J: usize>(
     p: &MissionParameters<T, M, J>,
@@ -378,9 +381,9 @@ mod tests {
     use super::*;
     use crate::test_missions::table_one;
 
-    fn order() -> Order {
+    fn order() -> MissionOrder {
         let mission = table_one::<f64>();
-        Order {
+        MissionOrder {
             mission: in_single_precision(mission.parameters()),
             map_origin: Geodetic {
                 latitude_e7: -353_632_621,
@@ -393,7 +396,7 @@ mod tests {
                 ceiling_m: 150.0,
             }),
             ground_patience: Some(Duration::from_secs(1_000_000)),
-            decider: Decider::StraightLine,
+            policy_kind: PolicyKind::StraightLine,
             clock: Clock::Console,
         }
     }
@@ -437,7 +440,7 @@ mod tests {
     fn the_longest_report_fits_and_survives() {
         let text = words(&"x".repeat(200));
         assert_eq!(text.len(), TEXT_MAX);
-        let report = Report::BrokenOff(text);
+        let report = BoardReport::BrokenOff(text);
         let mut buffer = [0; REPORT_FRAME_MAX];
         let frame = encode_report(&report, &mut buffer).expect("fits");
         let mut reports = Reports::default();

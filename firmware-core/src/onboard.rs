@@ -16,7 +16,7 @@
 //! [`VehicleStatus`]; then the next slot. Slot `n` ends at `t_0 + n delta` of the vehicle's clock,
 //! where `t_0` is the moment at which slot 1 began: the exchange takes place in the first part of
 //! the next slot, and no message moves a slot's end. An arrival that nobody answers is sent again; where no channel state comes within
-//! [`Settings::channel_patience`], the last one, aged, stands in, and the command says how old it
+//! [`OnboardSettings::channel_patience`], the last one, aged, stands in, and the command says how old it
 //! is. Whatever came and was not used is counted.
 
 use serde::{Deserialize, Serialize};
@@ -39,20 +39,20 @@ use crate::{
     time::{Duration, Instant},
 };
 
-/// The share of the guidance's acceleration that the shield relies on for braking and turning:
+/// The fraction of the guidance's acceleration that the shield relies on for braking and turning:
 /// the rest goes into jerk and into following the reference.
-const RELIABLE_SHARE: f64 = 0.5;
+const RELIABLE_FRACTION: f64 = 0.5;
 
 /// What the slot cycle is told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
+pub struct OnboardSettings {
     /// How long the ground may take to answer an arrival; never longer than half a slot.
     pub channel_patience: Duration,
     /// After how long without an answer the arrival is sent again.
     pub arrival_interval: Duration,
 }
 
-impl Default for Settings {
+impl Default for OnboardSettings {
     fn default() -> Self {
         Self {
             channel_patience: Duration::from_millis(500),
@@ -126,7 +126,7 @@ struct Measuring<T: Scalar> {
 /// The onboard computer.
 #[derive(Debug)]
 pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
-    settings: Settings,
+    settings: OnboardSettings,
     slot_duration_s: f64,
     controller: Controller<T, P, M, J>,
     autopilot: Autopilot<T>,
@@ -149,14 +149,14 @@ pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SE
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
     /// Before take-off, with nothing heard from either side.
     pub fn new(
-        settings: Settings,
+        settings: OnboardSettings,
         controller: Controller<T, P, M, J>,
         autopilot: Autopilot<T>,
     ) -> Self {
         let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
         // The exchange takes place in the next slot, which has to be flown as well.
         let half_slot = Duration::from_secs_f64(slot_duration_s / 2.0);
-        let settings = Settings {
+        let settings = OnboardSettings {
             channel_patience: settings.channel_patience.min(half_slot),
             ..settings
         };
@@ -339,7 +339,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
                 // flies with that.
                 let limits = *self.autopilot.limits();
                 self.controller.rely_on(&Limits {
-                    acceleration_mps2: limits.acceleration_mps2 * T::of(RELIABLE_SHARE),
+                    acceleration_mps2: limits.acceleration_mps2 * T::of(RELIABLE_FRACTION),
                     ..limits
                 });
                 let measured = self.autopilot.position();
@@ -425,7 +425,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             return;
         };
         let arrival = measuring.arrival;
-        let overdue = now.since(measuring.since) >= self.settings.channel_patience;
+        let overdue = now.duration_since(measuring.since) >= self.settings.channel_patience;
         let state = self.channel_state.take();
         if state.is_none() && !overdue {
             if now >= measuring.repeat_at {

@@ -96,7 +96,7 @@ pub struct Agility<T> {
     pub reach_m: T,
     /// What it can gain on its present velocity in a slot, metres a slot: acceleration times
     /// `delta^2`. Infinite for the paper's kinematics.
-    pub gain_m: T,
+    pub velocity_change_m: T,
     /// How it moved in the last slot, metres east and north. A slot passes before a change of
     /// mind shows.
     pub drift_m: [T; 2],
@@ -108,7 +108,7 @@ impl<T: Scalar> Agility<T> {
         Self {
             step_m: mission.reach_m(),
             reach_m: mission.reach_m(),
-            gain_m: T::of(f64::INFINITY),
+            velocity_change_m: T::of(f64::INFINITY),
             drift_m: [T::zero(); 2],
         }
     }
@@ -117,12 +117,13 @@ impl<T: Scalar> Agility<T> {
     /// rest: after `slots_after` more slots, each of which may lose `gain`.
     fn ended_m(&self, last_m: T, room_m: T, slots_after: u32) -> T {
         let slots = T::count(slots_after as usize);
-        let braked_m = self.gain_m * slots * (slots - T::one()).max(T::zero()) / T::of(2.0);
+        let braked_m =
+            self.velocity_change_m * slots * (slots - T::one()).max(T::zero()) / T::of(2.0);
         // The next slot still goes as far as this one ends with.
         let step_m = (room_m + braked_m) / (slots + T::one());
-        let at_rest_before = step_m < self.gain_m * slots;
+        let at_rest_before = step_m < self.velocity_change_m * slots;
         // A slot goes on as the last one did before it changes.
-        if at_rest_before || last_m > step_m + self.gain_m {
+        if at_rest_before || last_m > step_m + self.velocity_change_m {
             T::zero()
         } else {
             step_m
@@ -135,9 +136,10 @@ impl<T: Scalar> Agility<T> {
     /// for half a slot before braking shows: `3/2 s + s^2 / (2 gain)`.
     fn step_beside(&self, way: Displacement<T>, slots_left: u32, arrival_m: T) -> T {
         let away_m = way.norm();
-        let room_m = away_m + arrival_m * T::of(PASSING_SHARE);
+        let room_m = away_m + arrival_m * T::of(PASSING_FRACTION);
         let stoppable_m = self.largest_m(T::of(1.5), room_m);
-        let needed_m = (away_m - arrival_m * T::of(ARRIVAL_SHARE)) / T::count(slots_left as usize);
+        let needed_m =
+            (away_m - arrival_m * T::of(ARRIVAL_FRACTION)) / T::count(slots_left as usize);
         // To the destination itself is never too far.
         let there_m = if away_m <= arrival_m {
             away_m
@@ -160,7 +162,7 @@ impl<T: Scalar> Agility<T> {
             return room_m;
         }
         let two = T::of(2.0);
-        two * room_m / (times + (times * times + two * room_m / self.gain_m).sqrt())
+        two * room_m / (times + (times * times + two * room_m / self.velocity_change_m).sqrt())
     }
 
     /// How far the coming slot may go in a direction in which all slots together may by
@@ -172,21 +174,21 @@ impl<T: Scalar> Agility<T> {
         if turning_m > last_m {
             return Some(self.largest_m(T::of(2.0), room_m));
         }
-        (turning_m >= last_m - self.gain_m).then(|| turning_m.max(T::zero()))
+        (turning_m >= last_m - self.velocity_change_m).then(|| turning_m.max(T::zero()))
     }
 }
 
-/// The share of `V_max delta` within which a vehicle with inertia is to arrive. Where it turns
+/// The fraction of `V_max delta` within which a vehicle with inertia is to arrive. Where it turns
 /// back as late as it may, every imprecision of its flight adds to the distance that remains.
-const ARRIVAL_SHARE: f64 = 0.3;
-/// The share of `V_max delta` past the destination within which a vehicle with inertia has to be
+const ARRIVAL_FRACTION: f64 = 0.3;
+/// The fraction of `V_max delta` past the destination within which a vehicle with inertia has to be
 /// able to stop.
-const PASSING_SHARE: f64 = 0.5;
-/// The share of `V_max delta` by which a vehicle with inertia keeps off the border of the area,
+const PASSING_FRACTION: f64 = 0.5;
+/// The fraction of `V_max delta` by which a vehicle with inertia keeps off the border of the area,
 /// for the same reason.
-const BORDER_SHARE: f64 = 0.25;
-/// The share of the acceleration that brakes before a border.
-const BORDER_GAIN_SHARE: f64 = 0.4;
+const BORDER_FRACTION: f64 = 0.25;
+/// The fraction of the acceleration that brakes before a border.
+const BORDER_BRAKING_FRACTION: f64 = 0.4;
 
 impl<T: Scalar> ReachableSet<T> {
     /// The set for going from `from` within `step_m` such that `destination` is at most
@@ -254,7 +256,7 @@ impl<T: Scalar> ReachableSet<T> {
         agility: &Agility<T>,
     ) -> Self {
         let mut set = Self::of_slot(mission, slot, from);
-        if !agility.gain_m.finite() && agility.reach_m >= mission.reach_m() {
+        if !agility.velocity_change_m.finite() && agility.reach_m >= mission.reach_m() {
             return set;
         }
         set.step.radius_m = agility.step_beside(
@@ -269,12 +271,12 @@ impl<T: Scalar> ReachableSet<T> {
         let slots_after = mission.slots().saturating_sub(slot);
         // A vehicle that turns round brakes along the border, too.
         let beside_border = Agility {
-            gain_m: agility.gain_m * T::of(BORDER_GAIN_SHARE),
+            velocity_change_m: agility.velocity_change_m * T::of(BORDER_BRAKING_FRACTION),
             ..*agility
         };
         for axis in 0..2 {
             let (low, high) = (south_west[axis], north_east[axis]);
-            let margin_m = agility.reach_m * T::of(BORDER_SHARE);
+            let margin_m = agility.reach_m * T::of(BORDER_FRACTION);
             let margin_m = margin_m.min((high - low) / T::of(4.0));
             let (low, high) = (low + margin_m, high - margin_m);
             let here = from[axis];
@@ -284,7 +286,8 @@ impl<T: Scalar> ReachableSet<T> {
             let step_m = |last_m: T, room_m: T| {
                 let last_m = last_m.max(T::zero());
                 // Too late for that: with more than can be relied on.
-                let braked_m = (last_m - beside_border.gain_m * T::of(2.0)).max(T::zero());
+                let braked_m =
+                    (last_m - beside_border.velocity_change_m * T::of(2.0)).max(T::zero());
                 let allowed_m = beside_border.allowed_m(last_m, room_m).unwrap_or(braked_m);
                 allowed_m.max(beside_border.ended_m(last_m, room_m, slots_after))
             };
@@ -294,7 +297,7 @@ impl<T: Scalar> ReachableSet<T> {
         let home = set.home.center - from;
         let away_m = home.norm();
         let slots_left = T::count((mission.slots().saturating_sub(slot) + 1) as usize);
-        let spare_m = (slots_left + T::of(ARRIVAL_SHARE)) * agility.reach_m - away_m;
+        let spare_m = (slots_left + T::of(ARRIVAL_FRACTION)) * agility.reach_m - away_m;
         let toward = home / away_m.max(set.rounding_m);
         let [east_m, north_m] = agility.drift_m;
         let last_short_m = (toward * agility.reach_m - Displacement::new(east_m, north_m)).norm();

@@ -35,7 +35,7 @@ impl Instant {
     }
 
     /// Microseconds since the start.
-    pub const fn micros(self) -> u64 {
+    pub const fn as_micros(self) -> u64 {
         self.micros
     }
 
@@ -45,7 +45,7 @@ impl Instant {
     }
 
     /// How long ago `earlier` was; zero if it lies in the future.
-    pub const fn since(self, earlier: Self) -> Duration {
+    pub const fn duration_since(self, earlier: Self) -> Duration {
         Duration::from_micros(self.micros.saturating_sub(earlier.micros))
     }
 
@@ -88,12 +88,12 @@ impl Duration {
     }
 
     /// Microseconds.
-    pub const fn micros(self) -> u64 {
+    pub const fn as_micros(self) -> u64 {
         self.micros
     }
 
     /// Whole milliseconds, rounded down.
-    pub const fn millis(self) -> u64 {
+    pub const fn as_millis(self) -> u64 {
         self.micros / 1_000
     }
 
@@ -128,9 +128,9 @@ impl AddAssign<Duration> for Instant {
 
 impl Sub for Instant {
     type Output = Duration;
-    /// As [`Instant::since`]: never negative.
+    /// As [`Instant::duration_since`]: never negative.
     fn sub(self, earlier: Self) -> Duration {
-        self.since(earlier)
+        self.duration_since(earlier)
     }
 }
 
@@ -174,11 +174,11 @@ mod tests {
 
     #[test]
     fn seconds_round_to_the_nearest_microsecond() {
-        assert_eq!(Duration::from_secs_f64(0.1).micros(), 100_000);
+        assert_eq!(Duration::from_secs_f64(0.1).as_micros(), 100_000);
         assert_eq!(Duration::from_secs_f64(1.0).as_secs_f64(), 1.0);
         assert_eq!(Duration::from_secs_f64(f64::NAN), Duration::ZERO);
         assert_eq!(Duration::from_secs_f64(-3.0), Duration::ZERO);
-        assert_eq!(Duration::from_secs_f64(f64::INFINITY).micros(), u64::MAX);
+        assert_eq!(Duration::from_secs_f64(f64::INFINITY).as_micros(), u64::MAX);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use firmware_core::autopilot::guidance::Limits;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::autopilot::wire::Address;
 use firmware_core::autopilot::{
-    Autopilot, Coordinates, Event, Geofence, Leg, Phase, Settings, failsafe::Reaction,
+    Autopilot, AutopilotSettings, Coordinates, Event, Geofence, Leg, Phase, failsafe::Reaction,
 };
 use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::{
@@ -147,7 +147,7 @@ struct Model {
 impl Model {
     fn new(firmware: Firmware, coordinates: Coordinates, limited: bool) -> Self {
         let origin = Geodetic::from_degrees(10.0, 20.0).unwrap();
-        let mut settings = Settings::new(origin, Position::new(10.0, 20.0), 100.0, 30.0);
+        let mut settings = AutopilotSettings::new(origin, Position::new(10.0, 20.0), 100.0, 30.0);
         settings.geofence = Some(fence());
         settings.coordinates = coordinates;
         settings.set_parameters = limited;

@@ -277,8 +277,8 @@ fn gains_apart_by_twelve_orders() {
     let gains: Vec<f64> = (0..36)
         .map(|j| 1e-18 * 10f64.powf(12.0 * f64::from(j) / 35.0))
         .collect();
-    for share in [0.3, 0.54, 0.9, 0.999] {
-        check(&table_one(&gains, 1e-11, share / 36.0));
+    for fraction in [0.3, 0.54, 0.9, 0.999] {
+        check(&table_one(&gains, 1e-11, fraction / 36.0));
     }
 }
 

@@ -21,7 +21,7 @@ const SENSORS: usize = 3;
 type Parameters<T> = MissionParameters<T, USERS, SENSORS>;
 
 fn place<T: Scalar>(random: &mut impl Rng, area: &Area<T>) -> Position<T> {
-    let along = |extent: T, share: f64| (T::of(share) * extent).min(extent);
+    let along = |extent: T, fraction: f64| (T::of(fraction) * extent).min(extent);
     Position::new(
         along(area.east_m, random.random_range(0.0..=1.0)),
         along(area.north_m, random.random_range(0.0..=1.0)),
@@ -301,7 +301,7 @@ fn with_inertia_the_destination_stays_within_reach() {
         let agility = Agility {
             step_m: reach_m,
             reach_m: reach_m * random.random_range(0.6..=1.0),
-            gain_m: log_uniform(&mut random, 1.0, 1000.0),
+            velocity_change_m: log_uniform(&mut random, 1.0, 1000.0),
             drift_m: [(); 2].map(|()| reach_m * random.random_range(-1.0..=1.0)),
         };
         let slot = random.random_range(1..=p.slots);

@@ -6,7 +6,7 @@ mod flight;
 use firmware_core::Position;
 use firmware_core::autopilot::preflight::PreflightRefusal;
 use firmware_core::autopilot::wire::Address;
-use firmware_core::autopilot::{Geofence, OwnAddress, Phase, Settings};
+use firmware_core::autopilot::{AutopilotSettings, Geofence, OwnAddress, Phase};
 use firmware_core::policy::StraightLine;
 use firmware_core::time::Duration;
 use flight::{Flight, ready, settings, vehicle};

@@ -5,7 +5,7 @@
 //! a few attempts (ArduPilot answers nothing). What clips is reported *and* obeyed: the reference
 //! is planned within it, so that a clipped vehicle is slow, not lost.
 //!
-//! Nothing is changed, unless [`Settings::set_parameters`](super::Settings::set_parameters) asks
+//! Nothing is changed, unless [`AutopilotSettings::set_parameters`](super::AutopilotSettings::set_parameters) asks
 //! for it. Then what clips is set to what the mission needs, and put back after the flight, once
 //! the motors stand still: whoever flies the vehicle on flies it as it was.
 
@@ -22,9 +22,9 @@ use super::wire::Address;
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
-/// What a parameter bears on.
+/// What a parameter has an effect on.
 #[derive(Clone, Copy, Debug)]
-enum Bears {
+enum Effect {
     /// Horizontal speed; the parameter's unit times this is one m/s.
     Speed(f32),
     /// Horizontal acceleration; the parameter's unit times this is one m/s^2.
@@ -50,89 +50,89 @@ struct Rule {
     name: &'static str,
     /// Asked for only where this one does not exist (renamed between versions).
     instead_of: Option<&'static str>,
-    bears: Bears,
+    effect: Effect,
 }
 
-const fn rule(name: &'static str, bears: Bears) -> Rule {
+const fn rule(name: &'static str, effect: Effect) -> Rule {
     Rule {
         name,
         instead_of: None,
-        bears,
+        effect,
     }
 }
 
 static ARDUCOPTER: [Rule; 18] = [
-    rule("WPNAV_SPEED", Bears::Speed(100.0)),
+    rule("WPNAV_SPEED", Effect::Speed(100.0)),
     Rule {
         name: "WP_SPD",
         instead_of: Some("WPNAV_SPEED"),
-        bears: Bears::Speed(1.0),
+        effect: Effect::Speed(1.0),
     },
-    rule("WPNAV_ACCEL", Bears::Acceleration(100.0)),
+    rule("WPNAV_ACCEL", Effect::Acceleration(100.0)),
     Rule {
         name: "WP_ACC",
         instead_of: Some("WPNAV_ACCEL"),
-        bears: Bears::Acceleration(1.0),
+        effect: Effect::Acceleration(1.0),
     },
-    rule("ANGLE_MAX", Bears::Lean(100.0)),
+    rule("ANGLE_MAX", Effect::Lean(100.0)),
     Rule {
         name: "ATC_ANGLE_MAX",
         instead_of: Some("ANGLE_MAX"),
-        bears: Bears::Lean(1.0),
+        effect: Effect::Lean(1.0),
     },
-    rule("PSC_ANGLE_MAX", Bears::OwnLean),
-    rule("PSC_JERK_XY", Bears::Jerk(1.0)),
+    rule("PSC_ANGLE_MAX", Effect::OwnLean),
+    rule("PSC_JERK_XY", Effect::Jerk(1.0)),
     Rule {
         name: "PSC_JERK_NE",
         instead_of: Some("PSC_JERK_XY"),
-        bears: Bears::Jerk(1.0),
+        effect: Effect::Jerk(1.0),
     },
-    rule("FS_GCS_ENABLE", Bears::Kept),
-    rule("FS_GCS_TIMEOUT", Bears::Kept),
-    rule("SYSID_MYGCS", Bears::Kept),
+    rule("FS_GCS_ENABLE", Effect::Kept),
+    rule("FS_GCS_TIMEOUT", Effect::Kept),
+    rule("SYSID_MYGCS", Effect::Kept),
     Rule {
         name: "MAV_GCS_SYSID",
         instead_of: Some("SYSID_MYGCS"),
-        bears: Bears::Kept,
+        effect: Effect::Kept,
     },
     rule(
         "GUID_TIMEOUT",
-        Bears::Note {
+        Effect::Note {
             when: |value| value > 5.0,
             words: "GUID_TIMEOUT is above 5 s: if setpoints stop the vehicle flies on that long",
         },
     ),
     rule(
         "FENCE_ENABLE",
-        Bears::Note {
+        Effect::Note {
             when: |value| value != 0.0,
             words: "FENCE_ENABLE is not 0: the autopilot's own fence can end the mission",
         },
     ),
-    rule("FENCE_TYPE", Bears::Kept),
-    rule("FENCE_RADIUS", Bears::Kept),
-    rule("FENCE_ALT_MAX", Bears::Kept),
+    rule("FENCE_TYPE", Effect::Kept),
+    rule("FENCE_RADIUS", Effect::Kept),
+    rule("FENCE_ALT_MAX", Effect::Kept),
 ];
 
 // MPC_ACC_HOR and the jerk limits shape missions and flight by hand; OFFBOARD passes them by.
 static PX4: [Rule; 11] = [
-    rule("MPC_XY_VEL_MAX", Bears::Speed(1.0)),
-    rule("MPC_XY_CRUISE", Bears::Speed(1.0)),
-    rule("MPC_ACC_HOR_MAX", Bears::Acceleration(1.0)),
-    rule("MPC_TILTMAX_AIR", Bears::Lean(1.0)),
+    rule("MPC_XY_VEL_MAX", Effect::Speed(1.0)),
+    rule("MPC_XY_CRUISE", Effect::Speed(1.0)),
+    rule("MPC_ACC_HOR_MAX", Effect::Acceleration(1.0)),
+    rule("MPC_TILTMAX_AIR", Effect::Lean(1.0)),
     rule(
         "COM_OF_LOSS_T",
-        Bears::Note {
+        Effect::Note {
             when: |value| value < 0.5,
             words: "COM_OF_LOSS_T is below 0.5 s: a few lost setpoints end OFFBOARD",
         },
     ),
-    rule("COM_OBL_RC_ACT", Bears::Kept),
-    rule("NAV_DLL_ACT", Bears::Kept),
-    rule("COM_DL_LOSS_T", Bears::Kept),
-    rule("GF_ACTION", Bears::Kept),
-    rule("GF_MAX_HOR_DIST", Bears::Kept),
-    rule("GF_MAX_VER_DIST", Bears::Kept),
+    rule("COM_OBL_RC_ACT", Effect::Kept),
+    rule("NAV_DLL_ACT", Effect::Kept),
+    rule("COM_DL_LOSS_T", Effect::Kept),
+    rule("GF_ACTION", Effect::Kept),
+    rule("GF_MAX_HOR_DIST", Effect::Kept),
+    rule("GF_MAX_VER_DIST", Effect::Kept),
 ];
 
 fn rules(firmware: Firmware) -> &'static [Rule] {
@@ -243,7 +243,7 @@ fn tenths(value: f32) -> f32 {
 /// Share of a parameter's limit that the reference uses, so that the vehicle can catch up.
 const MARGIN: f64 = 0.95;
 
-impl Bears {
+impl Effect {
     /// What the mission needs, in the parameter's unit, and what less would clip.
     fn needed(self, needs: &Needs) -> Option<(f32, &'static str)> {
         Some(match self {
@@ -306,17 +306,17 @@ pub fn advice(firmware: Firmware, speed_mps: f32) -> impl Iterator<Item = Advice
     rules(firmware).iter().map(move |rule| Advice {
         name: rule.name,
         instead_of: rule.instead_of,
-        needed: rule.bears.needed(&Needs { speed_mps }),
-        unit: match rule.bears {
-            Bears::Speed(unit)
-            | Bears::Acceleration(unit)
-            | Bears::Jerk(unit)
-            | Bears::Lean(unit) => Some(unit),
-            Bears::OwnLean => Some(1.0),
-            Bears::Note { .. } | Bears::Kept => None,
+        needed: rule.effect.needed(&Needs { speed_mps }),
+        unit: match rule.effect {
+            Effect::Speed(unit)
+            | Effect::Acceleration(unit)
+            | Effect::Jerk(unit)
+            | Effect::Lean(unit) => Some(unit),
+            Effect::OwnLean => Some(1.0),
+            Effect::Note { .. } | Effect::Kept => None,
         },
-        words: match rule.bears {
-            Bears::Note { words, .. } => Some(words),
+        words: match rule.effect {
+            Effect::Note { words, .. } => Some(words),
             _ => None,
         },
     })
@@ -368,7 +368,7 @@ const VALUES: usize = 18;
 
 /// Reads one parameter after the other, sets those that clip if it may, and puts them back.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Reader {
+pub(super) struct ParameterManager {
     next: usize,
     attempts: u8,
     due: Instant,
@@ -392,7 +392,7 @@ const ANSWER_TIME: Duration = Duration::from_millis(600);
 /// On a link that loses a fifth of all frames, one question in 30,000 stays without an answer.
 const ATTEMPTS: u8 = 10;
 
-impl Reader {
+impl ParameterManager {
     /// Everything was read (and set) or given up.
     pub(super) fn is_done(&self, firmware: Firmware) -> bool {
         !self.restores_first && self.next >= rules(firmware).len()
@@ -459,9 +459,9 @@ impl Reader {
         // There are no more rules than places (a test holds it).
         let _ = self.values.push((rule.name, value));
         let before = limits.speed_mps;
-        rule.bears.clip(value, limits);
+        rule.effect.clip(value, limits);
         if limits.speed_mps < before
-            && let Some((needed, _)) = rule.bears.needed(needs)
+            && let Some((needed, _)) = rule.effect.needed(needs)
             && value < needed
         {
             self.slowest = Some((rule.name, needed));
@@ -507,7 +507,7 @@ impl Reader {
                     // It stays as it was, and is obeyed.
                     Some((was, _)) => {
                         self.settle(rule, was, needs, limits);
-                        rule.bears
+                        rule.effect
                             .judge(rule.name, was, needs)
                             .into_iter()
                             .for_each(&mut report);
@@ -566,11 +566,11 @@ impl Reader {
                 }
             });
         }
-        if let Bears::Speed(unit) = rule.bears {
+        if let Effect::Speed(unit) = rule.effect {
             let found_mps = value / unit * MARGIN as f32;
             self.found_mps = Some(self.found_mps.map_or(found_mps, |mps| mps.min(found_mps)));
         }
-        let finding = rule.bears.judge(rule.name, value, needs);
+        let finding = rule.effect.judge(rule.name, value, needs);
         if let Some(Finding::Clips { needed, .. }) = finding
             && may_set
             // What cannot be remembered is not changed. It counts as changed before it is:
@@ -684,14 +684,14 @@ mod tests {
 
     #[test]
     fn a_clipping_parameter_is_named_with_what_it_should_be() {
-        let finding = ARDUCOPTER[0].bears.judge("WPNAV_SPEED", 1000.0, &NEEDS);
+        let finding = ARDUCOPTER[0].effect.judge("WPNAV_SPEED", 1000.0, &NEEDS);
         assert_eq!(
             finding.unwrap().to_string(),
             "WPNAV_SPEED is 1000: it clips speed; set it to 3500"
         );
-        assert_eq!(PX4[0].bears.judge("MPC_XY_VEL_MAX", 35.0, &NEEDS), None);
+        assert_eq!(PX4[0].effect.judge("MPC_XY_VEL_MAX", 35.0, &NEEDS), None);
         let mut limits = Limits::<f64>::ideal();
-        ARDUCOPTER[0].bears.clip(1000.0, &mut limits);
+        ARDUCOPTER[0].effect.clip(1000.0, &mut limits);
         assert_eq!(limits.speed_mps, 9.5);
     }
 
@@ -701,7 +701,7 @@ mod tests {
             let rules = rules(firmware);
             let clipping = rules.iter().filter(|rule| {
                 let needs = NEEDS;
-                rule.bears.needed(&needs).is_some()
+                rule.effect.needed(&needs).is_some()
             });
             assert!(rules.len() <= VALUES && clipping.count() <= CHANGES);
         }
@@ -710,10 +710,10 @@ mod tests {
     /// The parameter to change is the one that leaves the lowest speed.
     #[test]
     fn the_slowest_parameter_is_named() {
-        let mut reader = Reader::default();
+        let mut manager = ParameterManager::default();
         let mut values = std::vec![("WPNAV_SPEED", 1000.0), ("ANGLE_MAX", 3000.0)];
-        play(&mut reader, &mut values, false, false, |_| false);
-        assert_eq!(reader.slowest(), Some(("WPNAV_SPEED", 3500.0)));
+        play(&mut manager, &mut values, false, false, |_| false);
+        assert_eq!(manager.slowest(), Some(("WPNAV_SPEED", 3500.0)));
     }
 
     /// What is asked for is enough: a vehicle set so is not clipped below the mission's speed.
@@ -724,9 +724,9 @@ mod tests {
                 let mut limits = Limits::<f64>::ideal();
                 for rule in rules(firmware) {
                     let needs = Needs { speed_mps };
-                    if let Some((needed, _)) = rule.bears.needed(&needs) {
-                        assert_eq!(rule.bears.judge(rule.name, needed, &needs), None);
-                        rule.bears.clip(needed, &mut limits);
+                    if let Some((needed, _)) = rule.effect.needed(&needs) {
+                        assert_eq!(rule.effect.judge(rule.name, needed, &needs), None);
+                        rule.effect.clip(needed, &mut limits);
                     }
                 }
                 assert!(limits.speed_mps > f64::from(speed_mps), "{limits:?}");
@@ -734,9 +734,9 @@ mod tests {
         }
     }
 
-    /// Plays an autopilot with these parameters until the reader has nothing more to ask.
+    /// Plays an autopilot with these parameters until the manager has nothing more to ask.
     fn play(
-        reader: &mut Reader,
+        manager: &mut ParameterManager,
         values: &mut std::vec::Vec<(&'static str, f32)>,
         may_set: bool,
         restoring: bool,
@@ -750,8 +750,8 @@ mod tests {
             let to = (TO, firmware);
             let report = |finding: Finding| said.push(finding.to_string());
             let message = match restoring {
-                true => reader.restore(now, to, report),
-                false => reader.request(now, to, &NEEDS, &mut limits, report),
+                true => manager.restore(now, to, report),
+                false => manager.request(now, to, &NEEDS, &mut limits, report),
             };
             let name = match &message {
                 Some(MavMessage::PARAM_REQUEST_READ(read)) => read.param_id,
@@ -773,8 +773,8 @@ mod tests {
             };
             if !lost(round) {
                 let found = match restoring {
-                    true => reader.take_restored(firmware, &answer),
-                    false => reader.take(firmware, &answer, &NEEDS, &mut limits, may_set),
+                    true => manager.take_restored(firmware, &answer),
+                    false => manager.take(firmware, &answer, &NEEDS, &mut limits, may_set),
                 };
                 said.extend(found.map(|finding| finding.to_string()));
             }
@@ -799,9 +799,9 @@ mod tests {
             ("FENCE_RADIUS", 300.0),
             ("FENCE_ALT_MAX", 100.0),
         ];
-        let (mut values, mut reader) = (found.clone(), Reader::default());
-        let (limits, said) = play(&mut reader, &mut values, true, false, |n| n / 6 % 2 == 0);
-        assert!(reader.is_done(Firmware::ArduCopter));
+        let (mut values, mut manager) = (found.clone(), ParameterManager::default());
+        let (limits, said) = play(&mut manager, &mut values, true, false, |n| n / 6 % 2 == 0);
+        assert!(manager.is_done(Firmware::ArduCopter));
         assert_eq!(
             said,
             [
@@ -812,38 +812,38 @@ mod tests {
             ]
         );
         assert!(limits.speed_mps > 30.0);
-        assert_eq!(reader.value("FENCE_RADIUS"), Some(300.0));
+        assert_eq!(manager.value("FENCE_RADIUS"), Some(300.0));
         assert_eq!(values[..3].iter().map(|v| v.1).sum::<f32>(), 9000.0);
-        let (_, said) = play(&mut reader, &mut values, true, true, |n| n / 6 % 2 == 0);
+        let (_, said) = play(&mut manager, &mut values, true, true, |n| n / 6 % 2 == 0);
         assert_eq!(values, found);
-        assert!(reader.is_restored() && said.len() == 4, "{said:?}");
+        assert!(manager.is_restored() && said.len() == 4, "{said:?}");
     }
 
     /// An autopilot that refuses is obeyed; one that falls silent leaves us with words.
     #[test]
     fn what_cannot_be_set_or_put_back_is_said() {
         let mut values = std::vec![("WPNAV_SPEED", 1000.0)];
-        let mut reader = Reader::default();
-        let (limits, said) = play(&mut reader, &mut values, true, false, |n| n > 0);
+        let mut manager = ParameterManager::default();
+        let (limits, said) = play(&mut manager, &mut values, true, false, |n| n > 0);
         assert_eq!(limits.speed_mps, 9.5);
         assert_eq!(
             said[0],
             "WPNAV_SPEED is 1000: it clips speed; set it to 3500"
         );
-        let (_, said) = play(&mut reader, &mut values, true, true, |_| true);
+        let (_, said) = play(&mut manager, &mut values, true, true, |_| true);
         assert_eq!(said, ["WPNAV_SPEED was NOT put back: it was 1000"]);
     }
 
     #[test]
     fn a_renamed_parameter_is_asked_for_only_where_the_old_one_is_missing() {
         for old_exists in [true, false] {
-            let mut reader = Reader::default();
+            let mut manager = ParameterManager::default();
             let mut asked = std::vec::Vec::new();
             let mut now = Instant::ZERO;
             let mut limits = Limits::<f64>::ideal();
-            while !reader.is_done(Firmware::ArduCopter) {
+            while !manager.is_done(Firmware::ArduCopter) {
                 let to = (TO, Firmware::ArduCopter);
-                let request = reader.request(now, to, &NEEDS, &mut limits, |_| {});
+                let request = manager.request(now, to, &NEEDS, &mut limits, |_| {});
                 if let Some(MavMessage::PARAM_REQUEST_READ(request)) = request {
                     let name = request.param_id.to_str().unwrap().to_string();
                     let newer = name.starts_with("WP_")
@@ -859,7 +859,7 @@ mod tests {
                     };
                     asked.push(name);
                     if exists {
-                        reader.take(to.1, &answer, &NEEDS, &mut limits, false);
+                        manager.take(to.1, &answer, &NEEDS, &mut limits, false);
                     }
                 }
                 now += Duration::from_millis(100);

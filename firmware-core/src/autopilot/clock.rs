@@ -50,7 +50,7 @@ const STALL_BURSTS: usize = 3;
 /// By more than this, microseconds.
 const STALL: f64 = 40_000.0;
 /// Bursts that are kept: as many as fit [`STALL_WINDOW`].
-const BURSTS: usize = STALL_BURSTS + (STALL_WINDOW.micros() / BURST.micros()) as usize;
+const BURSTS: usize = STALL_BURSTS + (STALL_WINDOW.as_micros() / BURST.as_micros()) as usize;
 /// The largest rate of correction, of the time that passes.
 const SLEW: f64 = 0.05;
 /// The same where the mapping is ahead of the vehicle's clock.
@@ -134,8 +134,8 @@ impl VehicleClock {
     /// the published mapping does not jump.
     pub fn observe(&mut self, now: Instant, vehicle: Instant, smooth: bool) {
         let stamp = Stamp {
-            vehicle_us: vehicle.micros(),
-            ours_us: now.micros(),
+            vehicle_us: vehicle.as_micros(),
+            ours_us: now.as_micros(),
         };
         let opens = self.buckets.is_empty() || now - self.bucket_since >= BUCKET;
         if opens {
@@ -159,7 +159,7 @@ impl VehicleClock {
     /// stall.
     fn look_for_stall(&mut self, stamp: Stamp) {
         let rate = self.rate;
-        let continues = stamp.ours_us.saturating_sub(self.latest_us) < BURST.micros();
+        let continues = stamp.ours_us.saturating_sub(self.latest_us) < BURST.as_micros();
         self.latest_us = stamp.ours_us;
         match self.bursts.back_mut() {
             Some(burst) if continues => {
@@ -175,7 +175,7 @@ impl VehicleClock {
                 let _ = self.bursts.push_back(stamp);
             }
         }
-        let window_us = stamp.ours_us.saturating_sub(STALL_WINDOW.micros());
+        let window_us = stamp.ours_us.saturating_sub(STALL_WINDOW.as_micros());
         let is_before = |burst: &Stamp| burst.ours_us <= window_us;
         while self.bursts.len() > STALL_BURSTS && self.bursts.iter().nth(1).is_some_and(is_before) {
             self.bursts.pop_front();
@@ -207,7 +207,7 @@ impl VehicleClock {
 
     /// The vehicle's clock at `now`; `None` before the first message.
     pub fn vehicle_time(&self, now: Instant) -> Option<Instant> {
-        let vehicle_us = self.published?.vehicle_us(now.micros());
+        let vehicle_us = self.published?.vehicle_us(now.as_micros());
         // `as` saturates and sends NaN to 0.
         Some(Instant::from_micros(libm::round(vehicle_us) as u64))
     }
@@ -215,7 +215,7 @@ impl VehicleClock {
     /// When the vehicle's clock shows `vehicle`, in our time; `None` before the first message.
     pub fn our_time(&self, vehicle: Instant) -> Option<Instant> {
         let published = self.published?;
-        let ahead = (vehicle.micros() as f64 - published.vehicle_us) / published.pace;
+        let ahead = (vehicle.as_micros() as f64 - published.vehicle_us) / published.pace;
         let ours = published.ours_us as f64 + ahead;
         Some(Instant::from_micros(libm::ceil(ours) as u64))
     }
@@ -254,7 +254,7 @@ impl VehicleClock {
 
     fn publish(&mut self, now: Instant, smooth: bool) {
         let rate = self.rate;
-        let ours_us = now.micros();
+        let ours_us = now.as_micros();
         let estimate_us = (ours_us as f64 - self.offset_us()) * rate;
         let known_us = self
             .published

@@ -91,7 +91,7 @@ impl Request {
         match *self {
             Self::MessageInterval { message, interval } => {
                 p[0] = message as f32;
-                p[1] = interval.micros() as f32;
+                p[1] = interval.as_micros() as f32;
             }
             Self::Message { message } => p[0] = message as f32,
             Self::SetMode(mode) => {
@@ -139,7 +139,7 @@ impl fmt::Display for Request {
 
 /// How a command ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Outcome {
+pub enum CommandOutcome {
     /// Accepted by the autopilot.
     Accepted,
     /// Refused, with its last answer.
@@ -190,7 +190,7 @@ pub(super) enum Turn {
     /// Send it; the number is `confirmation`.
     Send(u8),
     /// Attempts are used up.
-    Over(Outcome),
+    Over(CommandOutcome),
 }
 
 impl Pending {
@@ -222,7 +222,7 @@ impl Pending {
         } else if self.in_progress || self.attempts >= patience.attempts {
             Turn::Over(
                 self.last_refusal
-                    .map_or(Outcome::Unanswered, Outcome::Refused),
+                    .map_or(CommandOutcome::Unanswered, CommandOutcome::Refused),
             )
         } else {
             Turn::Send(self.attempts)
@@ -259,12 +259,12 @@ impl Pending {
         now: Instant,
         ack: &COMMAND_ACK_DATA,
         patience: &Patience,
-    ) -> Option<Outcome> {
+    ) -> Option<CommandOutcome> {
         if ack.command != self.request.command() || self.attempts == 0 {
             return None;
         }
         match ack.result {
-            MavResult::MAV_RESULT_ACCEPTED => Some(Outcome::Accepted),
+            MavResult::MAV_RESULT_ACCEPTED => Some(CommandOutcome::Accepted),
             MavResult::MAV_RESULT_IN_PROGRESS => {
                 if !self.in_progress {
                     self.in_progress = true;
@@ -276,7 +276,7 @@ impl Pending {
             MavResult::MAV_RESULT_FAILED
                 if matches!(self.request, Request::MessageInterval { .. }) =>
             {
-                Some(Outcome::Refused(MavResult::MAV_RESULT_FAILED))
+                Some(CommandOutcome::Refused(MavResult::MAV_RESULT_FAILED))
             }
             // "Not now": checks that do not pass yet, a position that is not there yet.
             refusal @ (MavResult::MAV_RESULT_TEMPORARILY_REJECTED
@@ -286,7 +286,7 @@ impl Pending {
                 self.due = now + patience.pause;
                 None
             }
-            refusal => Some(Outcome::Refused(refusal)),
+            refusal => Some(CommandOutcome::Refused(refusal)),
         }
     }
 }
@@ -339,7 +339,7 @@ mod tests {
         }
         assert!(matches!(
             pending.turn(at(1500), &PATIENCE),
-            Turn::Over(Outcome::Unanswered)
+            Turn::Over(CommandOutcome::Unanswered)
         ));
     }
 
@@ -364,7 +364,7 @@ mod tests {
         let denied = ack(arm, MavResult::MAV_RESULT_DENIED);
         assert_eq!(
             pending.answer(at(1100), &denied, &PATIENCE),
-            Some(Outcome::Refused(MavResult::MAV_RESULT_DENIED))
+            Some(CommandOutcome::Refused(MavResult::MAV_RESULT_DENIED))
         );
     }
 
@@ -379,7 +379,7 @@ mod tests {
         pending.sent(at(0), &PATIENCE);
         let failed = MavResult::MAV_RESULT_FAILED;
         let answer = ack(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, failed);
-        let outcome = Outcome::Refused(failed);
+        let outcome = CommandOutcome::Refused(failed);
         assert_eq!(pending.answer(at(1), &answer, &PATIENCE), Some(outcome));
         let event = crate::autopilot::Event::Failed { request, outcome };
         assert_eq!(
@@ -399,7 +399,7 @@ mod tests {
         assert!(matches!(pending.turn(at(5000), &PATIENCE), Turn::Wait));
         assert!(matches!(
             pending.turn(at(5100), &PATIENCE),
-            Turn::Over(Outcome::Unanswered)
+            Turn::Over(CommandOutcome::Unanswered)
         ));
     }
 

@@ -9,7 +9,7 @@ use heapless::{Deque, String};
 use mavlink::dialects::common::MavResult;
 
 use super::checks::Finding;
-use super::command::{Outcome, Request, result_name};
+use super::command::{CommandOutcome, Request, result_name};
 use super::failsafe::{Cause, Reaction};
 use super::preflight::PreflightRefusal;
 use super::profile::{Firmware, Mode};
@@ -70,7 +70,7 @@ pub enum Event {
         /// Which.
         request: Request,
         /// How it ended.
-        outcome: Outcome,
+        outcome: CommandOutcome,
     },
     /// A slot ended without a position sample taken after its end; the latest one counts.
     SampleLate,
@@ -115,7 +115,7 @@ impl fmt::Display for Event {
                 write!(f, "{request}: {why}, attempt {}", attempts + 1)
             }
             Self::Failed { request, outcome } => match outcome {
-                Outcome::Refused(result) => {
+                CommandOutcome::Refused(result) => {
                     write!(f, "{request} refused: {}", result_name(*result))
                 }
                 _ => write!(f, "{request}: no answer, given up"),

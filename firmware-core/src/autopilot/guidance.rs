@@ -111,10 +111,10 @@ pub struct Trajectory<T: Scalar> {
 
 /// Points of a trajectory at which limits are checked.
 const CHECKED: usize = 12;
-/// Halvings in the search for the largest share of the way that the limits allow: to 1/512.
+/// Halvings in the search for the largest fraction of the way that the limits allow: to 1/512.
 const HALVINGS: usize = 9;
-/// How a way-point is chased: the share of the way-points' own velocity, the rest being what
-/// would reach the way-point, and the share of what is left that is corrected within a slot.
+/// How a way-point is chased: the fraction of the way-points' own velocity, the rest being what
+/// would reach the way-point, and the fraction of what is left that is corrected within a slot.
 ///
 /// Way-points are planned anew from wherever the vehicle is. Across the way to them, velocity
 /// then follows `v_n = (PACE / 2) (v_{n-1} + v_{n-2}) - CORRECTION v_{n-1}`, and about a place
@@ -175,10 +175,10 @@ impl<T: Scalar> Trajectory<T> {
             return self.to;
         }
         let span = self.span.as_secs_f64();
-        self.at_share(T::of((now - self.start).as_secs_f64() / span), T::of(span))
+        self.at_fraction(T::of((now - self.start).as_secs_f64() / span), T::of(span))
     }
 
-    fn at_share(&self, s: T, span: T) -> Motion<T> {
+    fn at_fraction(&self, s: T, span: T) -> Motion<T> {
         let [c3, c4, c5] = self.high;
         let of = T::of;
         let (v0, a0) = (
@@ -204,14 +204,14 @@ impl<T: Scalar> Trajectory<T> {
 
     /// By what factor it exceeds the limits, at worst; 1 or less where it keeps them. What is
     /// already exceeded at its start does not count against it.
-    fn strain(&self, limits: &Limits<T>) -> T {
+    fn limit_ratio(&self, limits: &Limits<T>) -> T {
         let span = T::of(self.span.as_secs_f64());
         let speed = limits.speed_mps.max(self.from.velocity.norm());
         let acceleration = limits.acceleration_mps2.max(self.from.acceleration.norm());
         let mut worst = T::zero();
         for i in 0..=CHECKED {
             let s = T::count(i) / T::count(CHECKED);
-            let motion = self.at_share(s, span);
+            let motion = self.at_fraction(s, span);
             worst = worst
                 .max(motion.velocity.norm() / speed)
                 .max(motion.acceleration.norm() / acceleration)
@@ -247,7 +247,7 @@ impl<T: Scalar> Trajectory<T> {
             acceleration: Vector2::zeros(),
         };
         let through = Self::new(now, span, from, to);
-        if t <= T::zero() || through.strain(limits) <= T::one() {
+        if t <= T::zero() || through.limit_ratio(limits) <= T::one() {
             return through;
         }
         Self::chase(now, span, from, waypoint, pace, limits)
@@ -255,7 +255,7 @@ impl<T: Scalar> Trajectory<T> {
 
     /// The acceleration moves linearly to a final one, which is held within what the limits
     /// allow; between letting go (a final acceleration of zero) and what is wanted, the largest
-    /// share that keeps them.
+    /// fraction that keeps them.
     fn chase(
         now: Instant,
         span: Duration,
@@ -278,11 +278,11 @@ impl<T: Scalar> Trajectory<T> {
         let change = (velocity - from.velocity) / t;
         let wanted = shorten(change, limits.acceleration_mps2);
         let let_go = from.acceleration * half;
-        // A share of zero lets go: the acceleration fades linearly. Otherwise it is a parabola
+        // A fraction of zero lets go: the acceleration fades linearly. Otherwise it is a parabola
         // over the leg, with the mean that is wanted, and ends with what is still to be changed.
-        let toward = |share: T| {
-            let mean = let_go + (wanted - let_go) * share;
-            let acceleration = shorten(change - mean, limits.acceleration_mps2) * share;
+        let toward = |fraction: T| {
+            let mean = let_go + (wanted - let_go) * fraction;
+            let acceleration = shorten(change - mean, limits.acceleration_mps2) * fraction;
             let bend = (from.acceleration + acceleration) * T::of(3.0) - mean * T::of(6.0);
             let slope = acceleration - from.acceleration - bend;
             let moved =
@@ -295,13 +295,13 @@ impl<T: Scalar> Trajectory<T> {
             // The limits must hold while that acceleration fades, too.
             let fading = Self::new(now + span, span, to, to.faded(t));
             let leg = Self::new(now, span, from, to);
-            (leg, leg.strain(limits).max(fading.strain(limits)))
+            (leg, leg.limit_ratio(limits).max(fading.limit_ratio(limits)))
         };
-        let (all, strain) = toward(T::one());
-        if strain <= T::one() {
+        let (all, limit_ratio) = toward(T::one());
+        if limit_ratio <= T::one() {
             return all;
         }
-        // Everything is linear in the share and the limits are convex, so the shares that keep
+        // Everything is linear in the fraction and the limits are convex, so the fractions that keep
         // them are those up to a largest one.
         let (mut kept, mut broken) = (T::zero(), T::one());
         for _ in 0..HALVINGS {
@@ -358,7 +358,7 @@ impl<T: Scalar> Trajectory<T> {
         if best.span.is_zero() || acceleration <= 0.0 {
             return best;
         }
-        let mut least = best.strain(limits);
+        let mut least = best.limit_ratio(limits);
         let mut longer = seconds;
         for _ in 1..STOPS {
             if least <= T::of(1.001) {
@@ -366,9 +366,9 @@ impl<T: Scalar> Trajectory<T> {
             }
             longer *= STOP_GROWTH;
             let stop = Self::stop_in(now, longer, from);
-            let strain = stop.strain(limits);
-            if strain < least {
-                (best, least) = (stop, strain);
+            let limit_ratio = stop.limit_ratio(limits);
+            if limit_ratio < least {
+                (best, least) = (stop, limit_ratio);
             }
         }
         best
@@ -484,7 +484,7 @@ impl<T: Scalar> Guide<T> {
             measured
         };
         let (last, due) = self.last;
-        let between_s = T::of(end.since(due).as_secs_f64());
+        let between_s = T::of(end.duration_since(due).as_secs_f64());
         let pace = if between_s > T::zero() {
             (waypoint - last) / between_s
         } else {
@@ -492,7 +492,7 @@ impl<T: Scalar> Guide<T> {
         };
         // A waypoint that was never reached says little about where waypoints go: what leads to
         // the next one is enough.
-        let leg_s = T::of(end.since(now).as_secs_f64());
+        let leg_s = T::of(end.duration_since(now).as_secs_f64());
         let pace = if leg_s > T::zero() {
             shorten(pace, (waypoint - from.position).norm() * T::of(2.0) / leg_s)
         } else {
@@ -651,12 +651,12 @@ mod tests {
             let stop = Trajectory::stop(at(0.0), from, &LIMITS);
             let span = (stop.end() - at(0.0)).as_secs_f64();
             for i in 0..=100 {
-                let share = f64::from(i) / 100.0;
-                let motion = stop.at_share(share, span);
+                let fraction = f64::from(i) / 100.0;
+                let motion = stop.at_fraction(fraction, span);
                 prop_assert!(motion.is_finite());
                 prop_assert!(motion.velocity.norm() <= 32.0 * 1.03, "{motion:?}");
                 prop_assert!(motion.acceleration.norm() <= 9.0 * 1.03, "{motion:?}");
-                let jerk_mps3 = stop.jerk(share, span).norm();
+                let jerk_mps3 = stop.jerk(fraction, span).norm();
                 prop_assert!(jerk_mps3 <= 40.0 * 1.03, "{jerk_mps3} {stop:?}");
             }
             prop_assert_eq!(stop.at(stop.end()).velocity, Vector2::zeros());

@@ -20,7 +20,7 @@ use mavlink::dialects::common::{
 };
 use thiserror::Error;
 
-use super::command::{Outcome, Patience, Pending, Request, Turn};
+use super::command::{CommandOutcome, Patience, Pending, Request, Turn};
 use super::frames::{Geodetic, MapFrame};
 use super::profile::Firmware;
 use super::wire::Address;
@@ -576,9 +576,9 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         }
     }
 
-    fn step_over(&mut self, now: Instant, step: u8, outcome: Outcome) {
+    fn step_over(&mut self, now: Instant, step: u8, outcome: CommandOutcome) {
         let name = self.pending.take().map_or("", |p| p.request.name());
-        if outcome == Outcome::Accepted {
+        if outcome == CommandOutcome::Accepted {
             self.enter(now, Stage::Start(step + 1));
         } else {
             self.stage = Stage::Over(Err((UploadError::NotStarted(name), Left::Whole)));

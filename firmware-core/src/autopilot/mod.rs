@@ -30,7 +30,7 @@
 //!
 //! [`wire`] bytes and messages · [`frames`] map and north-east-down · [`profile`] differences
 //! between autopilots · [`guidance`] trajectories · `command` acknowledged commands ·
-//! `telemetry` what the vehicle last said · `sequence` the phases · [`failsafe`] what can go
+//! `telemetry` what the vehicle last said · `state_machine` the phases · [`failsafe`] what can go
 //! wrong · `checks` what is looked at before a flight · [`mission`] upload of a whole mission ·
 //! [`preflight`] what refuses a start · `trial` what speed the airframe reaches.
 
@@ -41,15 +41,15 @@ mod event;
 pub mod failsafe;
 pub mod frames;
 pub mod guidance;
-mod intake;
 pub mod mission;
 pub mod preflight;
 pub mod profile;
-mod sequence;
+mod rx;
 mod settings;
+mod state_machine;
 mod telemetry;
-mod transmit;
 mod trial;
+mod tx;
 pub mod wire;
 
 use core::fmt;
@@ -58,14 +58,14 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use checks::{Advice, ChangedParameter, Finding, advice};
-pub use command::{Outcome, Patience, Request};
+pub use command::{CommandOutcome, Patience, Request};
 pub use event::Event;
-pub use settings::{Coordinates, Geofence, OwnAddress, Settings, SettingsError};
+pub use settings::{AutopilotSettings, Coordinates, Geofence, OwnAddress, SettingsError};
 pub use telemetry::Sample;
 
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
-use checks::Reader;
+use checks::ParameterManager;
 use command::Pending;
 use event::Events;
 use failsafe::Cause;
@@ -248,7 +248,7 @@ struct ActiveLeg<T: Scalar> {
     ended: Option<LegEnd<T>>,
 }
 
-/// The share of the mission's speed that the reference of a leg has at most: a vehicle that is
+/// The fraction of the mission's speed that the reference of a leg has at most: a vehicle that is
 /// behind catches up by getting nearer, not by flying further in a slot than it may.
 const LEG_SPEED: f64 = 0.985;
 
@@ -265,7 +265,7 @@ struct Stream<T: Scalar> {
 /// The client. About 8 kB; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Autopilot<T: Scalar> {
-    settings: Settings<T>,
+    settings: AutopilotSettings<T>,
     map: MapFrame<T>,
     phase: Phase,
     phase_since: Instant,
@@ -280,7 +280,7 @@ pub struct Autopilot<T: Scalar> {
     /// When the last of it was asked for.
     subscribed_at: Instant,
     obstacle: Option<Obstacle>,
-    reader: Reader,
+    parameter_manager: ParameterManager,
     /// What the vehicle can do: the settings' limits within the parameters'.
     limits: Limits<T>,
     /// What the airframe reaches, as it is known or as the trial leg has shown, m/s.
@@ -324,7 +324,7 @@ pub struct Autopilot<T: Scalar> {
 
 impl<T: Scalar> Autopilot<T> {
     /// A client that has heard nothing yet.
-    pub fn new(settings: Settings<T>) -> Result<Self, SettingsError> {
+    pub fn new(settings: AutopilotSettings<T>) -> Result<Self, SettingsError> {
         settings.check()?;
         let mut client = Self {
             map: MapFrame::new(settings.map_origin),
@@ -343,7 +343,7 @@ impl<T: Scalar> Autopilot<T> {
             refused_telemetry: 0,
             subscribed_at: Instant::ZERO,
             obstacle: None,
-            reader: Reader::default(),
+            parameter_manager: ParameterManager::default(),
             origin_due: Instant::ZERO,
             launch: false,
             asked: None,
@@ -369,7 +369,7 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     /// What it was told.
-    pub fn settings(&self) -> &Settings<T> {
+    pub fn settings(&self) -> &AutopilotSettings<T> {
         &self.settings
     }
 
@@ -467,18 +467,18 @@ impl<T: Scalar> Autopilot<T> {
 
     /// A parameter that the checks have read, in its own unit.
     pub fn parameter(&self, name: &str) -> Option<f32> {
-        self.reader.value(name)
+        self.parameter_manager.value(name)
     }
 
     /// Every parameter that the checks have read, in its own unit.
     pub fn parameters(&self) -> impl Iterator<Item = (&'static str, f32)> + '_ {
-        self.reader.values()
+        self.parameter_manager.values()
     }
 
     /// Whether every parameter was read (and set, where that was asked for) or given up.
     pub fn parameters_are_read(&self) -> bool {
         self.vehicle
-            .is_some_and(|(_, firmware)| self.reader.is_done(firmware))
+            .is_some_and(|(_, firmware)| self.parameter_manager.is_done(firmware))
     }
 
     /// The battery, percent, where the autopilot estimates it.
@@ -607,21 +607,21 @@ impl<T: Scalar> Autopilot<T> {
     /// Whether parameters that were set for the flight are as they were, or there were none. In a
     /// final phase with motors off they are put back; keep polling until this is true.
     pub fn is_restored(&self) -> bool {
-        self.reader.is_restored()
+        self.parameter_manager.is_restored()
     }
 
     /// Parameters that are not as they were found, oldest first. One appears here before the
     /// message that changes it is given out by [`Autopilot::poll`]: a caller that writes the list
     /// down after every [`Autopilot::receive`] can put everything back, even after a crash.
     pub fn changed_parameters(&self) -> &[ChangedParameter] {
-        self.reader.changed()
+        self.parameter_manager.changed()
     }
 
     /// Parameters that an earlier run changed and did not put back: that is done as soon as the
     /// motors stand still, before anything is read. To be called before the first heartbeat has
     /// been answered, which is before the next [`Autopilot::poll`] after it.
     pub fn restore_first(&mut self, changes: &[ChangedParameter]) {
-        self.reader.restore_first(changes);
+        self.parameter_manager.restore_first(changes);
     }
 
     /// Puts parameters back from now on, even while the motors turn: the caller is about to leave.
@@ -668,7 +668,7 @@ impl<T: Scalar> Autopilot<T> {
         let Some((_, firmware)) = self.vehicle else {
             return;
         };
-        while let Some(finding) = self.reader.give_up(firmware) {
+        while let Some(finding) = self.parameter_manager.give_up(firmware) {
             self.events.push(Event::Finding(finding));
         }
     }

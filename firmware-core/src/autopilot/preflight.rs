@@ -274,7 +274,7 @@ impl<T: Scalar> Autopilot<T> {
             needed_mps: needed_mps.to_f64() as f32,
             possible_mps: self.limits.speed_mps.to_f64() as f32,
             parameter: self
-                .reader
+                .parameter_manager
                 .slowest()
                 .filter(|_| self.parameter_limits.speed_mps < needed_mps),
         })

@@ -81,9 +81,9 @@ impl OwnAddress {
     }
 }
 
-/// All that is settled before a flight. [`Settings::new`] has the defaults.
+/// All that is settled before a flight. [`AutopilotSettings::new`] has the defaults.
 #[derive(Clone, Copy, Debug)]
-pub struct Settings<T: Scalar> {
+pub struct AutopilotSettings<T: Scalar> {
     /// The address that our frames carry. By default the vehicle's onboard computer.
     pub own: OwnAddress,
     /// The vehicle's system id; `None` takes the first autopilot that is heard.
@@ -188,7 +188,7 @@ pub enum SettingsError {
     Limits,
 }
 
-impl<T: Scalar> Settings<T> {
+impl<T: Scalar> AutopilotSettings<T> {
     /// The defaults for a mission that starts there, at that altitude and with that speed.
     pub fn new(map_origin: Geodetic, start: Position<T>, altitude_m: T, speed_mps: T) -> Self {
         Self {
@@ -248,7 +248,7 @@ impl<T: Scalar> Settings<T> {
                 value: margin_m.to_f64(),
             });
         }
-        let micros = self.setpoint_interval.micros();
+        let micros = self.setpoint_interval.as_micros();
         if !(50_000..=200_000).contains(&micros) {
             return Err(SettingsError::SetpointInterval { micros });
         }
@@ -279,19 +279,19 @@ impl<T: Scalar> Settings<T> {
 mod tests {
     use super::*;
 
-    fn settings() -> Settings<f64> {
+    fn settings() -> AutopilotSettings<f64> {
         let origin = Geodetic {
             latitude_e7: 0,
             longitude_e7: 0,
         };
         let corner = Position::new(100.0, 100.0);
-        Settings {
+        AutopilotSettings {
             geofence: Some(Geofence {
                 low: -corner,
                 high: corner,
                 ceiling_m: 110.0,
             }),
-            ..Settings::new(origin, Position::origin(), 100.0, 30.0)
+            ..AutopilotSettings::new(origin, Position::origin(), 100.0, 30.0)
         }
     }
 
@@ -299,7 +299,7 @@ mod tests {
     fn an_address_that_no_client_can_have_is_refused() {
         for (system, component) in [(Some(0), 191), (None, 0), (Some(7), 1)] {
             let own = OwnAddress { system, component };
-            let refused = Settings { own, ..settings() }.check();
+            let refused = AutopilotSettings { own, ..settings() }.check();
             let named = matches!(refused, Err(SettingsError::OwnAddress { .. }));
             assert!(named, "{own:?}: {refused:?}");
         }

@@ -13,9 +13,9 @@ use crate::{
     time::Instant,
 };
 
-/// The share of the reference's largest speed below which the airframe is what limits it.
+/// The fraction of the reference's largest speed below which the airframe is what limits it.
 const REACHED: f64 = 0.8;
-/// The share of the speed it reached that is planned with, so that it can catch up.
+/// The fraction of the speed it reached that is planned with, so that it can catch up.
 const MARGIN: f64 = 0.95;
 
 /// What a trial leg has shown so far.
@@ -56,13 +56,13 @@ impl<T: Scalar> Autopilot<T> {
         if self.airframe_mps.is_some() {
             return None;
         }
-        let found_mps = T::of(f64::from(self.reader.found_mps()?));
+        let found_mps = T::of(f64::from(self.parameter_manager.found_mps()?));
         if needed_mps <= found_mps || way.norm() <= T::zero() {
             return None;
         }
         let speed_mps = self.limits.speed_mps.min(self.settings.transit_speed_mps);
-        let share = Trajectory::run_up_m(speed_mps, &self.limits) / way.norm();
-        Some(self.settings.start + way * share.min(T::one()))
+        let fraction = Trajectory::run_up_m(speed_mps, &self.limits) / way.norm();
+        Some(self.settings.start + way * fraction.min(T::one()))
     }
 
     /// Called while the trial is flown.

@@ -20,7 +20,7 @@ pub(super) struct Pace<T: Scalar> {
     /// What the shield counts on, metres a slot.
     held_m: T,
     /// See [`Agility`].
-    gain_m: T,
+    velocity_change_m: T,
     drift_m: [T; 2],
     /// From where to where the last slot was flown.
     leg: Option<(Position<T>, Position<T>)>,
@@ -33,19 +33,19 @@ pub(super) struct Pace<T: Scalar> {
 impl<T: Scalar> Pace<T> {
     /// Slots in a row that prove a vehicle slower than asked.
     const PROOF: u8 = 3;
-    /// The share of what the shield counts on from which a slot asks for nearly everything.
+    /// The fraction of what the shield counts on from which a slot asks for nearly everything.
     const DEMANDING: f64 = 0.9;
-    /// The share of the asked way below which a slot falls short.
+    /// The fraction of the asked way below which a slot falls short.
     const SHORT: f64 = 0.98;
-    /// A slot that goes further than the last one by more than this share of the asked way gains
+    /// A slot that goes further than the last one by more than this fraction of the asked way gains
     /// speed.
     const GAINS: f64 = 0.03;
-    /// What is kept free at first: a share of `V_max delta`, and metres.
+    /// What is kept free at first: a fraction of `V_max delta`, and metres.
     const TRACKING: f64 = 0.022;
     const TRACKING_M: f64 = 0.1;
-    /// The share of `V_max delta` above which what a slot flies is kept free from then on.
+    /// The fraction of `V_max delta` above which what a slot flies is kept free from then on.
     const CLOSE: f64 = 0.98;
-    /// The largest share that is kept free.
+    /// The largest fraction that is kept free.
     const TRACKING_MOST: f64 = 0.1;
     /// The least cosine of the angle to the way home at which a slot shows what that way allows.
     const HOMEWARD: f64 = 0.7;
@@ -54,13 +54,15 @@ impl<T: Scalar> Pace<T> {
 
     pub(super) fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let Agility {
-            reach_m, gain_m, ..
+            reach_m,
+            velocity_change_m,
+            ..
         } = Agility::ideal(mission);
         Self {
             reach_m,
             tracking_m: T::zero(),
             held_m: reach_m,
-            gain_m,
+            velocity_change_m,
             drift_m: [T::zero(); 2],
             leg: None,
             short: 0,
@@ -70,8 +72,8 @@ impl<T: Scalar> Pace<T> {
 
     /// For a vehicle with inertia: see [`Controller::rely_on`](super::Controller::rely_on).
     pub(super) fn rely_on(&mut self, limits: &Limits<T>, slot_s: T) {
-        self.gain_m = limits.acceleration_mps2 * slot_s * slot_s;
-        if self.gain_m.finite() {
+        self.velocity_change_m = limits.acceleration_mps2 * slot_s * slot_s;
+        if self.velocity_change_m.finite() {
             let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
             let tracking_m = self.reach_m * T::of(Self::TRACKING) + T::of(Self::TRACKING_M);
             self.tracking_m = tracking_m.min(largest_m);
@@ -89,7 +91,7 @@ impl<T: Scalar> Pace<T> {
         Agility {
             step_m: self.most_m().min(self.held_m * T::of(Self::ASKED)),
             reach_m: self.held_m.min(self.most_m()),
-            gain_m: self.gain_m,
+            velocity_change_m: self.velocity_change_m,
             drift_m: self.drift_m,
         }
     }
@@ -110,7 +112,7 @@ impl<T: Scalar> Pace<T> {
             asked.dot(&nalgebra::Vector2::from(self.drift_m)) < asked.norm() * last_m * T::of(0.9);
         self.drift_m = way.into();
         let (asked_m, flown_m) = (asked.norm(), way.norm());
-        if self.gain_m.finite() {
+        if self.velocity_change_m.finite() {
             let close_m = (flown_m - self.reach_m * T::of(Self::CLOSE)).max(T::zero());
             let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
             self.tracking_m = (self.tracking_m + close_m).min(largest_m);

@@ -31,7 +31,7 @@ use serde::{Deserialize, Serialize};
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Settings<T> {
+pub struct AlternatingSettings<T> {
     /// `xi`: a loop ends when no variable moves further than this. Compared are dimensionless
     /// variables, `x_j = eta |b_j h_j|`, `eta^2 |g|^2 p` and the relative change of `eta`; the
     /// paper compares powers, coefficients and `eta`, ten orders apart.
@@ -42,7 +42,7 @@ pub struct Settings<T> {
     pub inner_max: u32,
 }
 
-impl<T: Scalar> Default for Settings<T> {
+impl<T: Scalar> Default for AlternatingSettings<T> {
     /// `xi = 0.001` (Table I); the caps are ours.
     fn default() -> Self {
         Self {
@@ -56,7 +56,7 @@ impl<T: Scalar> Default for Settings<T> {
 /// How the iteration ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Outcome {
+pub enum AlternatingOutcome {
     /// The outer loop moved no further than `xi`.
     Converged,
     /// A cap came first. What was reached keeps all constraints.
@@ -67,11 +67,11 @@ pub enum Outcome {
 
 /// The answer of Alg. 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report<T> {
+pub struct AlternatingReport<T> {
     /// The powers, coefficients and `eta` reached.
     pub solution: Solution<T>,
     /// How it ended.
-    pub outcome: Outcome,
+    pub outcome: AlternatingOutcome,
     /// Values of `eta` tried.
     pub outer_steps: u32,
     /// Subproblems (eq:p_pbp) solved in all.
@@ -117,12 +117,12 @@ impl<T: Scalar> SensorField<'_, T> {
     pub fn alternate(
         &self,
         user: Option<PowerGain<T>>,
-        settings: &Settings<T>,
+        settings: &AlternatingSettings<T>,
         mut observe: impl FnMut(Step<T>),
-    ) -> Result<Report<T>, SlotError<T>> {
+    ) -> Result<AlternatingReport<T>, SlotError<T>> {
         let gain = SlotError::check_user(user)?;
         let budget = self.normalized_budget(gain);
-        let mut report = Report {
+        let mut report = AlternatingReport {
             solution: self.solution(
                 Status::Optimal {
                     limited_by: LimitedBy::None,
@@ -131,14 +131,14 @@ impl<T: Scalar> SensorField<'_, T> {
                 T::zero(),
                 gain,
             ),
-            outcome: Outcome::Converged,
+            outcome: AlternatingOutcome::Converged,
             outer_steps: 0,
             subproblems: 0,
         };
         if !self.is_feasible() {
             let least_mse = self.least_mse();
             report.solution.status = Status::Infeasible { least_mse };
-            report.outcome = Outcome::Infeasible;
+            report.outcome = AlternatingOutcome::Infeasible;
             return Ok(report);
         }
         if budget <= T::zero() {
@@ -150,7 +150,7 @@ impl<T: Scalar> SensorField<'_, T> {
             signal: T::zero(),
             eta: self.peak.sum / self.peak.energy,
         };
-        report.outcome = Outcome::IterationLimit;
+        report.outcome = AlternatingOutcome::IterationLimit;
         for outer_step in 1..=settings.outer_max {
             let inner = self.fixed_eta(&here, budget, settings);
             report.outer_steps = outer_step;
@@ -172,7 +172,7 @@ impl<T: Scalar> SensorField<'_, T> {
             });
             if moved <= settings.tolerance * settings.tolerance {
                 if inner.converged {
-                    report.outcome = Outcome::Converged;
+                    report.outcome = AlternatingOutcome::Converged;
                 }
                 break;
             }
@@ -183,7 +183,7 @@ impl<T: Scalar> SensorField<'_, T> {
             LimitedBy::Accuracy
         };
         let status = match report.outcome {
-            Outcome::Converged => Status::Converged { limited_by },
+            AlternatingOutcome::Converged => Status::Converged { limited_by },
             _ => Status::IterationLimit { limited_by },
         };
         report.solution = self.solution(status, &here.level, here.signal, gain);
@@ -192,7 +192,12 @@ impl<T: Scalar> SensorField<'_, T> {
 
     /// eq:p_pb2 for the `eta` of `here`: alternates `t` with the rest until neither moves nor
     /// `Psi` is slack, and gives the best amplitudes and signal seen.
-    fn fixed_eta(&self, here: &Point<T>, budget: T, settings: &Settings<T>) -> InnerLoop<T> {
+    fn fixed_eta(
+        &self,
+        here: &Point<T>,
+        budget: T,
+        settings: &AlternatingSettings<T>,
+    ) -> InnerLoop<T> {
         let mut best = *here;
         let mut point = *here;
         let mut subproblems = 0;

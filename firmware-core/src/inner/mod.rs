@@ -225,7 +225,7 @@ pub enum Method<T> {
     #[default]
     Exact,
     /// The paper's Alg. 1.
-    Alternating(alternating::Settings<T>),
+    Alternating(alternating::AlternatingSettings<T>),
     /// Users send with this power or not at all; the rest is optimal.
     FixedUserPower(Watt<T>),
     /// Sensors send with this power; the rest is optimal.

@@ -27,8 +27,8 @@ impl<T: Scalar> SensorField<'_, T> {
         power: Watt<T>,
     ) -> Result<Solution<T>, SlotError<T>> {
         let gain = SlotError::check_user(user)?;
-        let share = (power.0 / self.limits.user_power_max.0).min(T::one());
-        let signal = self.normalized_budget(gain) * share;
+        let fraction = (power.0 / self.limits.user_power_max.0).min(T::one());
+        let signal = self.normalized_budget(gain) * fraction;
         // Also false for 0/0, where there is no power to fix.
         if !(self.is_feasible() && signal > T::zero()) {
             return self.solve(None);
@@ -59,7 +59,7 @@ impl<T: Scalar> SensorField<'_, T> {
         let gain = SlotError::check_user(user)?;
         let budget = self.normalized_budget(gain);
         let coefficient = power.0.max(T::zero()).sqrt().min(self.coefficient_max);
-        let share = if coefficient > T::zero() {
+        let fraction = if coefficient > T::zero() {
             coefficient / self.coefficient_max
         } else {
             T::zero()
@@ -67,9 +67,9 @@ impl<T: Scalar> SensorField<'_, T> {
         let last = self.sensor_count() - 1;
         let all = self.level_in_segment(last, self.amplitude[last]);
         let level = Level {
-            c: all.c * share,
-            sum: all.sum * share,
-            energy: T::one() + (all.energy - T::one()) * share * share,
+            c: all.c * fraction,
+            sum: all.sum * fraction,
+            energy: T::one() + (all.energy - T::one()) * fraction * fraction,
         };
         let affordable = (level.efficiency() / self.kappa - T::one()) * level.energy;
         let (status, signal) = if level.efficiency() < self.limits.kappa(self.sensor_count()) {

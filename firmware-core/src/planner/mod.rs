@@ -75,7 +75,7 @@ pub use memory::{Capacity, Memory};
 
 /// How much work the planner does before it is finished.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct PlannerSettings {
     /// Iterations of the prices in the first round.
     pub first_iterations: u32,
     /// Iterations of the prices in each later round.
@@ -88,7 +88,7 @@ pub struct Settings {
     pub changes: u32,
 }
 
-impl Default for Settings {
+impl Default for PlannerSettings {
     fn default() -> Self {
         Self {
             first_iterations: 12,
@@ -100,7 +100,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl PlannerSettings {
     fn iterations(&self, round: u32) -> u32 {
         let iterations = match round {
             0 => self.first_iterations,
@@ -194,7 +194,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
         let route = Route::new(mission, start, slots, reach_m);
         let mut planner = Self {
-            search: Search::new(mission, capacity, Settings::default(), route),
+            search: Search::new(mission, capacity, PlannerSettings::default(), route),
             memory,
             slot: 1,
             counts: Vec::new(),
@@ -216,7 +216,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
     }
 
     /// The same planner, working as `settings` say.
-    pub fn with_settings(mut self, settings: Settings) -> Self {
+    pub fn with_settings(mut self, settings: PlannerSettings) -> Self {
         self.search.settings = settings;
         self
     }

@@ -11,7 +11,7 @@
 //! waypoints. *Order of service*: exchanges, each with its best path.
 
 use super::{
-    Settings, assignment,
+    PlannerSettings, assignment,
     memory::{Capacity, Parts},
     order::{self, Change, Tables},
     place_rates::{GAIN_ENTRIES, GainScale, PlaceRates},
@@ -113,7 +113,7 @@ enum Phase {
 #[derive(Clone, Debug)]
 pub(super) struct Search<T: Scalar, const M: usize, const J: usize> {
     pub(super) mission: Mission<T, M, J>,
-    pub(super) settings: Settings,
+    pub(super) settings: PlannerSettings,
     pub(super) capacity: Capacity,
     limits: SlotLimits<T>,
     workspace: Workspace<T, J>,
@@ -150,7 +150,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
     pub(super) fn new(
         mission: &Mission<T, M, J>,
         capacity: Capacity,
-        settings: Settings,
+        settings: PlannerSettings,
         route: Route<T>,
     ) -> Self {
         Self {

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::scalar::{Displacement, Position, Scalar};
 
-pub use provenance::{Misfit, Provenance};
+pub use provenance::{PolicyMismatch, Provenance};
 pub use rules::{FixedPosition, StraightLine};
 
 /// What is known when slot `n` is planned: the state after slot `n - 1`.

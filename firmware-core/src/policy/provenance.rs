@@ -31,7 +31,7 @@ pub struct Provenance {
 /// A policy that is not for this mission.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("the policy is for {what} = {policy}, but the mission has {mission}")]
-pub struct Misfit {
+pub struct PolicyMismatch {
     /// What differs.
     pub what: &'static str,
     /// The policy's value.
@@ -49,7 +49,7 @@ impl Provenance {
     pub fn check<T: Scalar, const M: usize, const J: usize>(
         &self,
         mission: &Mission<T, M, J>,
-    ) -> Result<(), Misfit> {
+    ) -> Result<(), PolicyMismatch> {
         let p = mission.parameters();
         let pairs = [
             ("users", f64::from(self.users), p.users.len() as f64),
@@ -70,7 +70,7 @@ impl Provenance {
             // The policy holds single precision. A NaN is a misfit, too.
             let same = libm::fabs(policy - mission) <= 1e-6 * libm::fabs(mission);
             if !same {
-                return Err(Misfit {
+                return Err(PolicyMismatch {
                     what,
                     policy,
                     mission,

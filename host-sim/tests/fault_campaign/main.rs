@@ -17,7 +17,7 @@ use firmware_core::{
     inner::{SlotLimits, Workspace},
     link::{Decoder, FRAME_MAX, Message, VehicleStatus},
     mission::MEASUREMENT_M,
-    onboard::{Onboard, Settings, Stage},
+    onboard::{Onboard, OnboardSettings, Stage},
     time::{Duration, Instant},
 };
 use ground::{Ground, HostCommand, HostMessage, HostMission, HostState, Wanderer, mission};
@@ -33,7 +33,7 @@ const SCHEDULES: u32 = 100;
 const SLOTS_EACH: u32 = 6;
 const TICK: Duration = Duration::from_millis(10);
 /// Short, so that silence does not cost much simulated time.
-const SETTINGS: Settings = Settings {
+const SETTINGS: OnboardSettings = OnboardSettings {
     channel_patience: Duration::from_millis(60),
     arrival_interval: Duration::from_millis(20),
 };
@@ -84,9 +84,9 @@ impl Campaign {
         let p = mission.parameters();
         let origin = Geodetic::from_degrees(47.3977, 8.5456).expect("on Earth");
         let controller = Controller::new(mission.clone(), Wanderer(random.clone()));
-        let client = Autopilot::new(autopilot::Settings {
+        let client = Autopilot::new(autopilot::AutopilotSettings {
             limits: Profile::Ideal.client_limits(),
-            ..autopilot::Settings::new(origin, p.start, p.altitude_m, p.max_speed_mps)
+            ..autopilot::AutopilotSettings::new(origin, p.start, p.altitude_m, p.max_speed_mps)
         });
         let client = client.unwrap_or_else(|error| panic!("{error}"));
         Self {

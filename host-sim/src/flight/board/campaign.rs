@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, io};
 
 use firmware_core::{
     PowerGain, SENSORS_MAX, USERS_MAX, Watt, aircomp,
-    console::{self, Footprint, Order},
+    console::{self, Footprint, MissionOrder},
     controller::{ChannelSource, ChannelState, SlotCommand},
     link::{Decoder, Message, VehicleStatus},
     time::Instant,
@@ -34,7 +34,7 @@ pub type Tally = BTreeMap<&'static str, u64>;
 pub struct Campaign {
     image: Image,
     twin: Twin,
-    order: Order,
+    order: MissionOrder,
     schedule: Schedule,
     link: FaultyLink<f32>,
     /// Behind the faults, as the vehicle is: what its counters are held against.
@@ -53,7 +53,12 @@ pub struct Campaign {
 
 impl Campaign {
     /// So many schedules, one after the other from slot 1.
-    pub fn new((image, twin): (Image, Twin), order: &Order, schedules: u32, seed: u64) -> Self {
+    pub fn new(
+        (image, twin): (Image, Twin),
+        order: &MissionOrder,
+        schedules: u32,
+        seed: u64,
+    ) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mut schedule = Schedule::default();
         let mut tally = Tally::new();

@@ -110,19 +110,21 @@ impl<T: Scalar> Autopilot<T> {
         if self.phase != Phase::Checking || self.pending.is_some() || self.restore_now {
             return None;
         }
-        if self.reader.restores_first() {
+        if self.parameter_manager.restores_first() {
             if self.telemetry.armed {
                 return None;
             }
             let events = &mut self.events;
             let report = |finding| events.push(Event::Finding(finding));
-            return self.reader.restore(now, vehicle, report);
+            return self.parameter_manager.restore(now, vehicle, report);
         }
         let needs = self.needs();
         let events = &mut self.events;
         let report = |finding| events.push(Event::Finding(finding));
         let limits = &mut self.parameter_limits;
-        let request = self.reader.request(now, vehicle, &needs, limits, report);
+        let request = self
+            .parameter_manager
+            .request(now, vehicle, &needs, limits, report);
         self.update_limits();
         request
     }
@@ -132,12 +134,12 @@ impl<T: Scalar> Autopilot<T> {
     fn restoration(&mut self, now: Instant) -> Option<MavMessage> {
         let vehicle = self.vehicle?;
         let may = self.phase.is_final() && !self.telemetry.armed && !self.is_link_silent(now);
-        if !(may || self.restore_now) || self.reader.is_restored() {
+        if !(may || self.restore_now) || self.parameter_manager.is_restored() {
             return None;
         }
         let events = &mut self.events;
         let report = |finding| events.push(Event::Finding(finding));
-        self.reader.restore(now, vehicle, report)
+        self.parameter_manager.restore(now, vehicle, report)
     }
 
     /// The setpoint that is due, if one is and we may send it. Heights here are above the place

@@ -13,7 +13,7 @@ use mavlink::dialects::common::{
     HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavResult, SYS_STATUS_DATA,
 };
 
-use super::command::{Outcome, Pending, Request};
+use super::command::{CommandOutcome, Pending, Request};
 use super::event::Event;
 use super::failsafe::{Cause, Reaction};
 use super::guidance::Guide;
@@ -36,7 +36,7 @@ const RESUBSCRIBE: Duration = Duration::from_secs(10);
 const LAG_GAIN: f64 = 0.2;
 /// The same where the vehicle is ahead of the reference: it flies too far then.
 const LEAD_GAIN: f64 = 0.5;
-/// The share of the acceleration up to which a leg ends cruising.
+/// The fraction of the acceleration up to which a leg ends cruising.
 const CRUISING: f64 = 0.1;
 /// The largest lag that is flown ahead by, s.
 const LAG_MOST_S: f64 = 0.15;
@@ -223,7 +223,9 @@ impl<T: Scalar> Autopilot<T> {
             return;
         }
         match (self.phase, obstacle) {
-            (Phase::Checking, None) if self.pending.is_none() && self.reader.is_done(firmware) => {
+            (Phase::Checking, None)
+                if self.pending.is_none() && self.parameter_manager.is_done(firmware) =>
+            {
                 self.enter(now, Phase::Standby);
             }
             (Phase::Standby, Some(_)) => self.enter(now, Phase::Checking),
@@ -339,11 +341,11 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     /// A command was accepted, refused or never answered.
-    pub(super) fn command_over(&mut self, now: Instant, request: Request, outcome: Outcome) {
+    pub(super) fn command_over(&mut self, now: Instant, request: Request, outcome: CommandOutcome) {
         if !request.moves() {
             // Telemetry that is missing shows in the checks. What was refused for good is not
             // asked for again.
-            if let Outcome::Refused(answer) = outcome
+            if let CommandOutcome::Refused(answer) = outcome
                 && answer != MavResult::MAV_RESULT_TEMPORARILY_REJECTED
                 && matches!(request, Request::MessageInterval { .. })
             {
@@ -352,7 +354,7 @@ impl<T: Scalar> Autopilot<T> {
             return;
         }
         match outcome {
-            Outcome::Accepted => self.asked = Some((now, true)),
+            CommandOutcome::Accepted => self.asked = Some((now, true)),
             // Motors that stand still need no answer.
             _ if request == Request::Disarm && !self.telemetry.armed => {}
             _ => self.fail(now, Cause::CommandFailed),

@@ -7,7 +7,7 @@ use mavlink::dialects::common::{
 };
 
 use super::checks::Needs;
-use super::command::Outcome;
+use super::command::CommandOutcome;
 use super::event::Event;
 use super::failsafe::Cause;
 use super::frames::Geodetic;
@@ -151,7 +151,7 @@ impl<T: Scalar> Autopilot<T> {
         {
             let request = pending.request;
             self.pending = None;
-            if outcome != Outcome::Accepted {
+            if outcome != CommandOutcome::Accepted {
                 self.events.push(Event::Failed { request, outcome });
             }
             self.command_over(now, request, outcome);
@@ -162,14 +162,17 @@ impl<T: Scalar> Autopilot<T> {
         let Some((_, firmware)) = self.vehicle else {
             return;
         };
-        let restoring = self.phase.is_final() || self.restore_now || self.reader.restores_first();
+        let restoring =
+            self.phase.is_final() || self.restore_now || self.parameter_manager.restores_first();
         let found = if restoring {
-            self.reader.take_restored(firmware, value)
+            self.parameter_manager.take_restored(firmware, value)
         } else {
             let needs = self.needs();
             let may_set = self.settings.set_parameters;
             let limits = &mut self.parameter_limits;
-            let found = self.reader.take(firmware, value, &needs, limits, may_set);
+            let found = self
+                .parameter_manager
+                .take(firmware, value, &needs, limits, may_set);
             self.update_limits();
             found
         };
