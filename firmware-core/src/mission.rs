@@ -1,13 +1,13 @@
-//! The parameters of a mission (the paper's Table I and the places of everything), validated.
+//! The validated parameters of a mission: the paper's Table I and the positions of everything.
 //!
-//! [`MissionParameters`] is what one writes down; [`Mission::new`] is the only place that
-//! rejects it. A [`Mission`] that exists is valid, and the rest of the crate relies on it:
+//! [`MissionParameters`] is the unchecked input; [`Mission::new`] is the only function that checks
+//! it. A [`Mission`] that exists is valid, and the rest of the crate relies on it:
 //!
 //! * every number is finite, every length, duration, speed and power in its range;
 //! * start and destination lie in the area `Lambda`, and the destination can be reached:
 //!   `||q_o - q_f|| <= (N + 1) V_max delta` (arrival means that `q_f` is at most one more slot
 //!   away, eq:traj2 as corrected in `docs/mathematics.md`);
-//! * `Gamma < 1/J`, so that the accuracy constraint asks for something.
+//! * `Gamma < 1/J`, so that the accuracy constraint is not met trivially.
 
 use core::fmt;
 
@@ -25,8 +25,8 @@ use crate::{
 /// The largest number of slots that a mission may have.
 pub const SLOTS_MAX: u32 = 100_000;
 
-/// How exactly a vehicle's position is measured at best, metres: MAVLink carries it in single
-/// precision, which at a kilometre resolves 6e-5 m. Constraints on measured places hold up to it.
+/// The best accuracy of a measured position, metres: MAVLink carries it in single precision, which
+/// at a kilometre resolves 6e-5 m. Constraints on measured positions hold up to this value.
 pub const MEASUREMENT_M: f64 = 1e-3;
 
 /// The rectangle `Lambda = [0, east] x [0, north]`, metres.
@@ -39,17 +39,17 @@ pub struct Area<T> {
 }
 
 impl<T: Scalar> Area<T> {
-    /// Whether a place lies in the area, its border included.
+    /// Returns whether a place lies in the area, its border included.
     pub fn contains(&self, place: &Position<T>) -> bool {
         let within = |value: T, extent: T| value >= T::zero() && value <= extent;
         within(place.x, self.east_m) && within(place.y, self.north_m)
     }
 }
 
-/// What a mission is made of, unchecked. Units are metres, seconds, watts, hertz, decibels.
+/// The unchecked parameters of a mission. Units are metres, seconds, watts, hertz and decibels.
 ///
-/// `M` is the capacity for users, `J` the capacity for sensors; the mission's own numbers of
-/// users and sensors are the lengths of the two vectors.
+/// `M` is the capacity for users, `J` the capacity for sensors; the mission's own numbers of users
+/// and sensors are the lengths of the two vectors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct MissionParameters<T: Scalar, const M: usize, const J: usize> {
@@ -195,8 +195,8 @@ pub enum MissionError<T: fmt::Display> {
     /// No sensor.
     #[error("sensors.positions_m is empty, but at least one sensor must be averaged")]
     NoSensors,
-    /// `Gamma >= 1/J`: an estimate of constant zero would meet the threshold, sensors would
-    /// stay silent and AirComp would carry nothing.
+    /// `Gamma >= 1/J`: an estimate of constant zero would meet the threshold, so sensors would stay
+    /// silent and AirComp would carry no data.
     #[error(
         "aircomp.mse_threshold is {value}, but must be below 1/J = {limit} \
          (J = {sensors} sensors): at or above it an all-zero estimate is accurate enough \
@@ -210,7 +210,7 @@ pub enum MissionError<T: fmt::Display> {
         /// `J`.
         sensors: usize,
     },
-    /// The destination is further than `(N + 1) V_max delta`.
+    /// The destination is further away than `(N + 1) V_max delta`.
     #[error(
         "mission.destination_m is {distance_m} m from mission.start_m, but must be within {reach_m} m: \
          (slots + 1) x max_speed_mps x slot_duration_s"
@@ -218,12 +218,12 @@ pub enum MissionError<T: fmt::Display> {
     DestinationOutOfReach {
         /// From start to destination, metres.
         distance_m: T,
-        /// What the mission can cover, metres.
+        /// The distance that the mission can cover, metres.
         reach_m: T,
     },
 }
 
-/// A valid mission. See the [module](self) for what that promises.
+/// A valid mission. The [module](self) states what that guarantees.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(
     bound = "T: Scalar",
@@ -236,10 +236,10 @@ pub struct Mission<T: Scalar, const M: usize = USERS_MAX, const J: usize = SENSO
 }
 
 impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
-    /// Checks the parameters: the only way to a mission.
+    /// Checks the parameters. This is the only way to create a mission.
     ///
     /// # Errors
-    /// The first thing that is wrong, in the order of the scenario file.
+    /// Returns the first error, in the order of the scenario file.
     pub fn new(parameters: MissionParameters<T, M, J>) -> Result<Self, MissionError<T>> {
         let p = &parameters;
         p.check_numbers()?;
@@ -267,51 +267,51 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         })
     }
 
-    /// What the mission was made of.
+    /// Returns the parameters of the mission.
     pub fn parameters(&self) -> &MissionParameters<T, M, J> {
         &self.parameters
     }
 
-    /// The air-to-ground channel over this area.
+    /// Returns the air-to-ground channel over the area.
     pub fn channel(&self) -> &ChannelModel<T> {
         &self.channel
     }
 
-    /// `N`.
+    /// Returns `N`, the number of slots.
     pub fn slots(&self) -> u32 {
         self.parameters.slots
     }
 
-    /// `M`, the users that there are (not the capacity).
+    /// Returns `M`, the number of users of the mission (not the capacity).
     pub fn user_count(&self) -> usize {
         self.parameters.users.len()
     }
 
-    /// `J`, the sensors that there are (not the capacity).
+    /// Returns `J`, the number of sensors of the mission (not the capacity).
     pub fn sensor_count(&self) -> usize {
         self.parameters.sensors.len()
     }
 
-    /// `floor(N / M)`: the slots that every user is owed (eq:a3).
+    /// Returns `floor(N / M)`, the number of slots that every user must be served in (eq:a3).
     pub fn quota(&self) -> u32 {
         self.parameters.slots / self.parameters.users.len() as u32
     }
 
-    /// `V_max delta`: how far the vehicle gets in a slot, metres (eq:traj1).
+    /// Returns `V_max delta`, the distance that the vehicle can fly in a slot, metres (eq:traj1).
     pub fn reach_m(&self) -> T {
         self.parameters.max_speed_mps * self.parameters.slot_duration_s
     }
 
-    /// Whether a mission that ends over `place` has arrived: the destination is at most one more
-    /// slot away (eq:traj2, as corrected), up to [`MEASUREMENT_M`] or to rounding where that is
-    /// coarser.
+    /// Returns whether a mission that ends over `place` has arrived: the destination is at most one
+    /// more slot away (eq:traj2, as corrected), up to [`MEASUREMENT_M`] or to rounding where that
+    /// is coarser.
     pub fn has_arrived(&self, place: &Position<T>) -> bool {
         let (p, reach_m) = (&self.parameters, self.reach_m());
         let slack_m = shield::rounding_m(&p.area, reach_m).max(T::of(MEASUREMENT_M));
         (place - p.destination).norm() <= reach_m + slack_m
     }
 
-    /// The rate that no position can exceed, `log2(1 / (1 - J Gamma))`, bit/s/Hz per slot
+    /// Returns the rate that no position can exceed, `log2(1 / (1 - J Gamma))`, bit/s/Hz per slot
     /// (docs/mathematics.md: `f <= J`).
     pub fn slot_rate_limit(&self) -> T {
         let slack = T::one() - T::count(self.sensor_count()) * self.parameters.mse_threshold;
@@ -321,7 +321,7 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
 
 impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
     fn check_numbers(&self) -> Result<(), MissionError<T>> {
-        // Far beyond anything that flies, and near enough for squares to stay finite in f32.
+        // Far beyond any real aircraft, but small enough for squares to stay finite in f32.
         let within = |parameter, value: T, low: f64, high: f64, expected| {
             let holds = value >= T::of(low) && value <= T::of(high);
             in_range(parameter, value, holds, expected)

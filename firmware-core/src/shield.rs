@@ -1,20 +1,20 @@
-//! The safety shield: the mission's hard constraints hold whatever a policy says
+//! The safety shield: enforces the mission's hard constraints on every action of a policy
 //! (`docs/mathematics.md`, section 4).
 //!
-//! Before slot `n` of `N`, from `q_{n-1}`, the wished displacement is projected (Euclidean,
-//! exact) onto
+//! Before slot `n` of `N`, from `q_{n-1}`, the displacement that the policy asks for is projected
+//! (Euclidean, exact) onto
 //!
 //! ```text
 //! F_n = { q in Lambda : ||q - q_{n-1}|| <= V delta,  ||q - q_f|| <= (N - n + 1) V delta }
 //! ```
 //!
-//! and the user is the one with the highest score among those that leave enough slots for
-//! everybody's quota: `sum_k max(0, floor(N/M) - count_k) <= N - n` after the slot.
-//! So eq:a1 to eq:a3, eq:traj1 and eq:traj2 hold for every policy, trained or broken. A NaN, an
-//! infinity or a wrong number of scores counts as no displacement and the best-rate admissible
-//! user, and is reported.
+//! and the user is the one with the highest score among those that leave enough slots for the
+//! quotas of all users: `sum_k max(0, floor(N/M) - count_k) <= N - n` after the slot. So eq:a1 to
+//! eq:a3, eq:traj1 and eq:traj2 hold for every policy, trained or broken. A NaN, an infinity or a
+//! wrong number of scores counts as no displacement and the admissible user with the best rate, and
+//! is reported.
 //!
-//! `F_n` is the intersection of two discs and a rectangle. The nearest point of such a set lies
+//! `F_n` is the intersection of two discs and a rectangle. The nearest point of such a set is
 //! inside, or is the nearest point of one border, or a corner where two borders meet: at most 29
 //! candidates, each checked. Worst case: 29 candidates times 6 constraints, no iteration.
 
@@ -26,7 +26,7 @@ use crate::{
     scalar::{Displacement, Position, Scalar},
 };
 
-/// What the shield changed, if anything.
+/// What the shield changed in an action, if anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Intervention {
     /// The displacement was moved onto `F_n`.
@@ -41,7 +41,7 @@ pub struct Intervention {
 }
 
 impl Intervention {
-    /// Whether anything was changed.
+    /// Returns whether anything was changed.
     pub fn any(&self) -> bool {
         self.displacement || self.user || self.broken_output || self.out_of_reach
     }
@@ -54,13 +54,13 @@ struct Disc<T: Scalar> {
     radius_m: T,
 }
 
-/// `F_n`: where the vehicle may be at the end of the slot.
+/// `F_n`: the set of places where the vehicle may be at the end of the slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReachableSet<T: Scalar> {
     area: Rectangle<T>,
-    /// From here, in one slot (eq:traj1).
+    /// The places within reach in one slot (eq:traj1).
     step: Disc<T>,
-    /// To the destination, in the slots that remain (eq:traj2).
+    /// The places from which the destination can be reached in the slots that remain (eq:traj2).
     home: Disc<T>,
     /// [`rounding_m`] of the whole area.
     rounding_m: T,
@@ -86,24 +86,25 @@ impl<T: Scalar> Rectangle<T> {
     }
 }
 
-/// What the vehicle can do, where that is less than the mission's parameters say.
+/// The capabilities of a vehicle, where they are less than the mission's parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Agility<T> {
-    /// The longest step that is asked for, metres: `V_max delta` less what is kept free so that
-    /// no slot goes further than that.
+    /// The longest step that is asked for, metres: `V_max delta` less a margin, so that no slot is
+    /// flown further than `V_max delta`.
     pub step_m: T,
-    /// How far it gets in a slot at the speed that it has shown it can hold, metres.
+    /// The distance that the vehicle covers in a slot at the speed that it has shown it can hold,
+    /// metres.
     pub reach_m: T,
-    /// What it can gain on its present velocity in a slot, metres a slot: acceleration times
-    /// `delta^2`. Infinite for the paper's kinematics.
+    /// The largest change of velocity in a slot, metres a slot: acceleration times `delta^2`.
+    /// Infinite for the paper's kinematics. Called `gain` in the formulas below.
     pub velocity_change_m: T,
-    /// How it moved in the last slot, metres east and north. A slot passes before a change of
-    /// mind shows.
+    /// The displacement in the last slot, metres east and north. A slot passes before a change of
+    /// velocity has an effect.
     pub drift_m: [T; 2],
 }
 
 impl<T: Scalar> Agility<T> {
-    /// The paper's kinematics: `V_max` in any direction at once.
+    /// Returns the capabilities of the paper's kinematics: `V_max` in any direction at once.
     pub fn ideal<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         Self {
             step_m: mission.reach_m(),
@@ -114,15 +115,15 @@ impl<T: Scalar> Agility<T> {
     }
 
     /// As [`allowed_m`](Self::allowed_m), where the mission ends before the vehicle would be at
-    /// rest: after `slots_after` more slots, each of which may lose `gain`.
+    /// rest: after `slots_after` more slots, each of which may reduce the step by `gain`.
     fn ended_m(&self, last_m: T, room_m: T, slots_after: u32) -> T {
         let slots = T::count(slots_after as usize);
         let braked_m =
             self.velocity_change_m * slots * (slots - T::one()).max(T::zero()) / T::of(2.0);
-        // The next slot still goes as far as this one ends with.
+        // The next slot still covers the distance that this one ends with.
         let step_m = (room_m + braked_m) / (slots + T::one());
         let at_rest_before = step_m < self.velocity_change_m * slots;
-        // A slot goes on as the last one did before it changes.
+        // A slot continues the last one's motion before it changes.
         if at_rest_before || last_m > step_m + self.velocity_change_m {
             T::zero()
         } else {
@@ -130,17 +131,18 @@ impl<T: Scalar> Agility<T> {
         }
     }
 
-    /// The longest step that is asked for on the way home, `way`, with `slots_left` to go, this one
-    /// included: none from which the vehicle would fly past the destination and out of `V_max
-    /// delta = arrival_m` around it, as far as the way home leaves a choice. A step `s` goes on
-    /// for half a slot before braking shows: `3/2 s + s^2 / (2 gain)`.
+    /// Returns the longest step that is asked for on the way to the destination, `way`, with
+    /// `slots_left` slots left, this one included. From no such step would the vehicle fly past the
+    /// destination and out of the circle of `V_max delta = arrival_m` around it, as far as the
+    /// distance to the destination leaves a choice. A step `s` continues for half a slot before
+    /// braking has an effect: `3/2 s + s^2 / (2 gain)`.
     fn step_beside(&self, way: Displacement<T>, slots_left: u32, arrival_m: T) -> T {
         let away_m = way.norm();
         let room_m = away_m + arrival_m * T::of(PASSING_FRACTION);
         let stoppable_m = self.largest_m(T::of(1.5), room_m);
         let needed_m =
             (away_m - arrival_m * T::of(ARRIVAL_FRACTION)) / T::count(slots_left as usize);
-        // To the destination itself is never too far.
+        // A step to the destination itself is never too long.
         let there_m = if away_m <= arrival_m {
             away_m
         } else {
@@ -149,14 +151,14 @@ impl<T: Scalar> Agility<T> {
         self.step_m.min(stoppable_m.max(needed_m).max(there_m))
     }
 
-    /// The largest step `s` from which a vehicle that makes it can still come to rest within
-    /// `room_m`: `s + s^2 / (2 gain) = room`.
+    /// Returns the largest step `s` from which the vehicle can still come to rest within `room_m`:
+    /// `s + s^2 / (2 gain) = room`.
     fn stoppable_m(&self, room_m: T) -> T {
         self.largest_m(T::one(), room_m)
     }
 
-    /// The positive root of `times s + s^2 / (2 gain) = room`, in a form that holds for an
-    /// infinite gain too; `room` itself where that is not above zero.
+    /// Returns the positive root of `times s + s^2 / (2 gain) = room`, in a form that also holds
+    /// for an infinite gain; returns `room` itself where that is not above zero.
     fn largest_m(&self, times: T, room_m: T) -> T {
         if room_m <= T::zero() {
             return room_m;
@@ -165,10 +167,11 @@ impl<T: Scalar> Agility<T> {
         two * room_m / (times + (times * times + two * room_m / self.velocity_change_m).sqrt())
     }
 
-    /// How far the coming slot may go in a direction in which all slots together may by
-    /// `room_m`, the last one having gone `last_m`. It goes at least as far as the last one, and
-    /// once more as far as it ends with; then `s^2 / (2 gain)` passes until the vehicle is at
-    /// rest in that direction. `None` where that takes more than it can lose in a slot.
+    /// Returns the largest step of the coming slot in a direction in which all remaining slots
+    /// together may cover `room_m`, where the last slot covered `last_m`. The slot covers at least
+    /// as much as the last one, and the next covers once more what it ends with; then the vehicle
+    /// needs `s^2 / (2 gain)` to come to rest in that direction. Returns `None` where that takes
+    /// more than the vehicle can lose in a slot.
     fn allowed_m(&self, last_m: T, room_m: T) -> Option<T> {
         let turning_m = self.stoppable_m(room_m - last_m);
         if turning_m > last_m {
@@ -178,21 +181,21 @@ impl<T: Scalar> Agility<T> {
     }
 }
 
-/// The fraction of `V_max delta` within which a vehicle with inertia is to arrive. Where it turns
-/// back as late as it may, every imprecision of its flight adds to the distance that remains.
+/// The fraction of `V_max delta` within which a vehicle with inertia is to arrive. If it turns back
+/// as late as possible, every inaccuracy of its flight adds to the distance that remains.
 const ARRIVAL_FRACTION: f64 = 0.3;
-/// The fraction of `V_max delta` past the destination within which a vehicle with inertia has to be
+/// The fraction of `V_max delta` past the destination within which a vehicle with inertia must be
 /// able to stop.
 const PASSING_FRACTION: f64 = 0.5;
-/// The fraction of `V_max delta` by which a vehicle with inertia keeps off the border of the area,
-/// for the same reason.
+/// The fraction of `V_max delta` by which a vehicle with inertia keeps away from the border of the
+/// area, for the same reason.
 const BORDER_FRACTION: f64 = 0.25;
-/// The fraction of the acceleration that brakes before a border.
+/// The fraction of the acceleration that is used to brake before a border.
 const BORDER_BRAKING_FRACTION: f64 = 0.4;
 
 impl<T: Scalar> ReachableSet<T> {
-    /// The set for going from `from` within `step_m` such that `destination` is at most
-    /// `home_m` away afterwards. Distances in metres, not negative.
+    /// Creates the set for a step from `from` of at most `step_m` that ends at most `home_m` from
+    /// `destination`. Distances are in metres and not negative.
     pub fn new(
         area: Area<T>,
         from: Position<T>,
@@ -217,7 +220,7 @@ impl<T: Scalar> ReachableSet<T> {
         }
     }
 
-    /// `F_n` of a mission: slot `n` (1 to `N`) from `from`.
+    /// Returns `F_n` of a mission: slot `n` (1 to `N`) from `from`.
     pub fn of_slot<const M: usize, const J: usize>(
         mission: &Mission<T, M, J>,
         slot: u32,
@@ -234,21 +237,22 @@ impl<T: Scalar> ReachableSet<T> {
         )
     }
 
-    /// `F_n` for a vehicle with inertia: as [`of_slot`](Self::of_slot), but from every waypoint
-    /// it can brake before the border of the area, and turn back to the destination in time.
+    /// Returns `F_n` for a vehicle with inertia: as [`of_slot`](Self::of_slot), but from every
+    /// waypoint in the set the vehicle can brake before the border of the area, and turn back to
+    /// the destination in time.
     ///
-    /// Towards a border, a step `s` leaves as much room as stopping from it takes:
-    /// `s + s^2 / (2 gain) <= room`, after a slot that goes on as the last one did. On the way
-    /// home the same holds of what a step lacks of full speed straight to the destination, as a
-    /// vector: it is lost, and regaining it costs `s^2 / (2 gain)` more, out of what the slots
-    /// that are left have to spare.
+    /// Towards a border, a step `s` must leave the distance that stopping from it takes: `s + s^2 /
+    /// (2 gain) <= room`, after a slot that continues the last one's motion. On the way to the
+    /// destination the same holds for the difference, as a vector, between the step and full speed
+    /// straight to the destination: that difference is lost, and regaining it costs `s^2 / (2
+    /// gain)` more, out of the distance that the remaining slots have to spare.
     ///
-    /// So the home disc is one about the place ahead on the way home, within that of `F_n`; where
-    /// that takes more than there is to spare it is that of `F_n`. Nothing is asked around the
-    /// destination from where stopping stays within `V_max delta` of it: there the vehicle has
-    /// arrived. The two discs have a place in common wherever those of `F_n` do. Where braking
-    /// before a border excludes that place, the way leads straight to the destination
-    /// nevertheless.
+    /// The disc for the destination is therefore one around the place ahead on the way to the
+    /// destination, within that of `F_n`; where it would need more distance than there is to spare
+    /// it is that of `F_n`. No constraint is added around the destination where stopping stays
+    /// within `V_max delta` of it: there the vehicle has arrived. The two discs intersect wherever
+    /// those of `F_n` do. Where braking before a border excludes the intersection, the waypoint is
+    /// straight towards the destination.
     pub fn of_slot_with<const M: usize, const J: usize>(
         mission: &Mission<T, M, J>,
         slot: u32,
@@ -269,7 +273,7 @@ impl<T: Scalar> ReachableSet<T> {
             north_east,
         } = &mut set.area;
         let slots_after = mission.slots().saturating_sub(slot);
-        // A vehicle that turns round brakes along the border, too.
+        // A vehicle that turns round also brakes along the border.
         let beside_border = Agility {
             velocity_change_m: agility.velocity_change_m * T::of(BORDER_BRAKING_FRACTION),
             ..*agility
@@ -285,7 +289,7 @@ impl<T: Scalar> ReachableSet<T> {
             let drift_m = agility.drift_m[axis];
             let step_m = |last_m: T, room_m: T| {
                 let last_m = last_m.max(T::zero());
-                // Too late for that: with more than can be relied on.
+                // Too late for normal braking: brake with more than can be relied on.
                 let braked_m =
                     (last_m - beside_border.velocity_change_m * T::of(2.0)).max(T::zero());
                 let allowed_m = beside_border.allowed_m(last_m, room_m).unwrap_or(braked_m);
@@ -309,26 +313,26 @@ impl<T: Scalar> ReachableSet<T> {
         if away_m - agility.reach_m + short_m <= arrived_m {
             set.home.radius_m = set.home.radius_m.min(arrived_m);
         } else if away_m - ahead_m + short_m <= set.home.radius_m {
-            // Within what `F_n` has about the destination.
+            // Inside the disc of `F_n` around the destination.
             set.home = Disc {
                 center: from + toward * ahead_m,
                 radius_m: short_m,
             };
         }
-        // The two discs have to meet, however short the step should be.
+        // The two discs must intersect, however short the step should be.
         let gap_m = (set.home.center - from).norm() - set.home.radius_m;
         set.step.radius_m = set.step.radius_m.max(gap_m.min(agility.step_m));
         set
     }
 
-    /// Whether a place is in the set, up to half of [`rounding_m`].
+    /// Returns whether a place is in the set, up to half of [`rounding_m`].
     pub fn contains(&self, place: &Position<T>) -> bool {
         let slack = self.rounding_m / T::of(2.0);
         let inside = |disc: &Disc<T>| (place - disc.center).norm() <= disc.radius_m + slack;
         self.area.contains(place) && inside(&self.step) && inside(&self.home)
     }
 
-    /// The point of the set that is nearest to `wish`; `None` if the set is empty.
+    /// Returns the point of the set that is nearest to `wish`, or `None` if the set is empty.
     pub fn nearest(&self, wish: &Position<T>) -> Option<Position<T>> {
         let mut best: Option<(T, Position<T>)> = None;
         self.each_candidate(wish, |candidate| {
@@ -342,7 +346,7 @@ impl<T: Scalar> ReachableSet<T> {
         best.map(|(_, place)| place)
     }
 
-    /// Every point that can be nearest to `wish`: itself, its projection on each border, and
+    /// Visits every point that can be nearest to `wish`: itself, its projection on each border, and
     /// the corners where two borders meet.
     fn each_candidate(&self, wish: &Position<T>, mut visit: impl FnMut(Position<T>)) {
         let Rectangle {
@@ -373,7 +377,8 @@ impl<T: Scalar> ReachableSet<T> {
 }
 
 impl<T: Scalar> Disc<T> {
-    /// The point of the border in the direction of `place` (the centre if they coincide).
+    /// Returns the point of the border in the direction of `place`, or the centre if the two
+    /// coincide.
     fn border_towards(&self, place: &Position<T>) -> Position<T> {
         let offset = place - self.center;
         let distance = offset.norm();
@@ -383,7 +388,7 @@ impl<T: Scalar> Disc<T> {
         self.center + offset * (self.radius_m / distance)
     }
 
-    /// Where the border meets the line on which coordinate `axis` equals `value`.
+    /// Visits the points where the border meets the line on which coordinate `axis` equals `value`.
     fn meet_line(&self, axis: usize, value: T, mut visit: impl FnMut(Position<T>)) {
         let offset = value - self.center[axis];
         let square = self.radius_m * self.radius_m - offset * offset;
@@ -399,10 +404,10 @@ impl<T: Scalar> Disc<T> {
         }
     }
 
-    /// Where two borders meet; the nearest points of near-tangent circles too, so that discs
-    /// that touch up to rounding still give their point.
+    /// Visits the points where two borders meet. The nearest points of almost tangent circles count
+    /// too, so that discs which touch up to rounding still have a common point.
     fn meet_disc(&self, other: &Self, mut visit: impl FnMut(Position<T>)) {
-        // Seen from the smaller disc: from the larger one, rounding of the foot would be
+        // Computed from the smaller disc: from the larger one, rounding of the foot would be
         // magnified by the ratio of the radii.
         let (small, large) = if self.radius_m <= other.radius_m {
             (self, other)
@@ -429,27 +434,27 @@ impl<T: Scalar> Disc<T> {
     }
 }
 
-/// The slack that rounding of positions is allowed, metres: a few units in the last place of
-/// the largest length at hand, 4 picometres per kilometre in double and 2 mm in single precision.
-/// The constraints of a mission hold up to it, however many slots it has.
+/// Returns the tolerance for rounding of positions, metres: a few units in the last place of the
+/// largest length involved, 4 picometres per kilometre in double and 2 mm in single precision. The
+/// constraints of a mission hold up to this tolerance, however many slots it has.
 pub fn rounding_m<T: Scalar>(area: &Area<T>, reach_m: T) -> T {
     area.east_m.max(area.north_m).max(reach_m) * T::EPSILON * T::of(16.0)
 }
 
-/// Whether a policy's displacement is usable: finite.
+/// Returns whether a policy's displacement is finite.
 pub fn displacement_is_sound<T: Scalar>(displacement: &Displacement<T>) -> bool {
     displacement.x.finite() && displacement.y.finite()
 }
 
-/// Makes a [sound](displacement_is_sound) displacement admissible: the waypoint, and what had
-/// to change.
+/// Returns the admissible waypoint for a [finite](displacement_is_sound) displacement, and records
+/// in `changed` what had to change.
 pub fn admissible_waypoint<T: Scalar>(
     set: &ReachableSet<T>,
     displacement: &Displacement<T>,
     changed: &mut Intervention,
 ) -> Position<T> {
     let from = set.step.center;
-    // A huge wish is shortened first, so that squares below stay finite.
+    // A very long displacement is shortened first, so that the squares below stay finite.
     let extent = set.area.north_east.x.abs() + set.area.north_east.y.abs();
     let far = (extent + set.step.radius_m) * T::of(4.0);
     let longest = displacement.x.abs().max(displacement.y.abs());
@@ -471,12 +476,13 @@ pub fn admissible_waypoint<T: Scalar>(
             let distance = towards.norm();
             let gap = distance - reach_m - home.radius_m;
             let outside = !set.area.contains(&from);
-            // Discs that are no further apart than a measurement are not worth a report.
+            // A gap between the discs smaller than the accuracy of a measurement is not reported.
             changed.out_of_reach = gap > set.rounding_m.max(T::of(MEASUREMENT_M)) || outside;
             changed.displacement |= !changed.out_of_reach;
             let waypoint = if gap <= set.rounding_m && !outside {
-                // On a mission without a metre to spare the discs only touch, and rounding
-                // parts them. Landing on the border itself keeps it from adding up.
+                // On a mission without any spare distance the discs only touch, and rounding
+                // separates them. A waypoint on the border itself prevents the rounding from
+                // accumulating.
                 home.border_towards(&from)
             } else if distance <= reach_m {
                 home.center
@@ -488,7 +494,7 @@ pub fn admissible_waypoint<T: Scalar>(
     }
 }
 
-/// Which users may be served in a slot so that every quota can still be met (eq:a3).
+/// Tracks which users may be served in a slot so that every quota can still be met (eq:a3).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fairness<const M: usize> {
     counts: Vec<u32, M>,
@@ -498,7 +504,7 @@ pub struct Fairness<const M: usize> {
 }
 
 impl<const M: usize> Fairness<M> {
-    /// Nobody has been served yet.
+    /// Creates the state before the first slot.
     pub fn new<T: Scalar, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let mut counts = Vec::new();
         // The mission's users fit: they come from a vector of the same capacity.
@@ -511,12 +517,13 @@ impl<const M: usize> Fairness<M> {
         }
     }
 
-    /// Slots served so far, per user.
+    /// Returns the number of slots that each user was served in so far.
     pub fn counts(&self) -> &[u32] {
         &self.counts
     }
 
-    /// `sum_k max(0, floor(N/M) - count_k)`: slots that are still owed.
+    /// Returns `sum_k max(0, floor(N/M) - count_k)`, the number of slots that are still needed for
+    /// the quotas.
     pub fn owed(&self) -> u32 {
         self.counts
             .iter()
@@ -524,7 +531,7 @@ impl<const M: usize> Fairness<M> {
             .sum()
     }
 
-    /// Whether serving `user` in the coming slot leaves enough slots for what is owed.
+    /// Returns whether the quotas can still be met if `user` is served in the coming slot.
     pub fn admits(&self, user: usize) -> bool {
         let Some(&count) = self.counts.get(user) else {
             return false;
@@ -534,9 +541,9 @@ impl<const M: usize> Fairness<M> {
         owed_after <= slots_after
     }
 
-    /// The admissible user with the highest score; the first of equals. There always is one:
-    /// only where slots passed in which nobody was heard can quotas be out of reach, and then
-    /// every user that is owed a slot is admissible.
+    /// Returns the admissible user with the highest score, the first of equals. Such a user always
+    /// exists: quotas are out of reach only after slots in which no user was heard, and then every
+    /// user below its quota is admissible.
     pub fn best<T: PartialOrd>(&self, score: impl Fn(usize) -> T) -> Option<usize> {
         let users = 0..self.counts.len();
         let lost = !users.clone().any(|user| self.admits(user));
@@ -552,7 +559,7 @@ impl<const M: usize> Fairness<M> {
         best.map(|(user, _)| user)
     }
 
-    /// A slot is over; `user` was served, if anybody.
+    /// Records the end of a slot in which `user` was served, if any.
     pub fn record(&mut self, user: Option<usize>) {
         self.slots_done += 1;
         if let Some(count) = user.and_then(|user| self.counts.get_mut(user)) {
@@ -560,18 +567,19 @@ impl<const M: usize> Fairness<M> {
         }
     }
 
-    /// Whether every user has its `floor(N/M)` slots.
+    /// Returns whether every user was served in its `floor(N/M)` slots.
     pub fn is_fair(&self) -> bool {
         self.owed() == 0
     }
 }
 
-/// Whether a policy's scores are usable: one per user, all finite.
+/// Returns whether a policy's scores are usable: one per user, all finite.
 pub fn scores_are_sound<T: Scalar>(scores: &[T], users: usize) -> bool {
     scores.len() == users && scores.iter().all(|score| score.finite())
 }
 
-/// The admissible user with the highest score; the scores are [sound](scores_are_sound).
+/// Returns the admissible user with the highest score. The scores must be
+/// [usable](scores_are_sound).
 pub fn admissible_user<T: Scalar, const M: usize>(
     fairness: &Fairness<M>,
     scores: &[T],

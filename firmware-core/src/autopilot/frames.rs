@@ -5,13 +5,13 @@
 //! autopilot's estimator started, which need not be the map's: [`MapFrame`] holds the
 //! difference. Geodetic coordinates are turned into metres as the autopilot itself does it
 //! (a sphere of [`EARTH_RADIUS_M`], the longitude scaled by the cosine of the latitude), so
-//! that a way-point means the same place in both kinds of coordinates.
+//! that a waypoint means the same place in both kinds of coordinates.
 
 use nalgebra::Vector2;
 
 use crate::scalar::{Displacement, Position, Scalar};
 
-/// The sphere of ArduPilot's flat-earth formulas, metres. PX4's is 0.1 % smaller: a way-point
+/// The sphere of ArduPilot's flat-earth formulas, metres. PX4's is 0.1 % smaller: a waypoint
 /// 1 km from the origin differs by 1.1 m between the two.
 pub const EARTH_RADIUS_M: f64 = 6_378_100.0;
 

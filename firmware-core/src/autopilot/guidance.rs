@@ -1,4 +1,4 @@
-//! Where the vehicle should be *now*: trajectories between way-points.
+//! Where the vehicle should be *now*: trajectories between waypoints.
 //!
 //! Autopilots take a bare position as a place to stop at; flown at the mission's pace it lags
 //! by a hundred metres. So the client streams position, velocity and acceleration of a
@@ -7,10 +7,10 @@
 //!
 //! [`Guide`] strings them together:
 //!
-//! * a **leg** reaches its way-point at the slot's end, passing through it with the mean
+//! * a **leg** reaches its waypoint at the slot's end, passing through it with the mean
 //!   velocity of the leg. Where [`Limits`] do not allow that (from rest, round a sharp corner,
 //!   to a place that lies behind) the acceleration moves, linearly over the leg, to what chases
-//!   the way-points best: their own velocity, plus a correction no faster than can be braked.
+//!   the waypoints best: their own velocity, plus a correction no faster than can be braked.
 //! * a **transit** goes from rest to rest, in the least time the limits allow.
 //! * a **coast** follows a leg until the next one is known: the vehicle flies on with the leg's
 //!   final velocity while its position is measured and the next waypoint is decided.
@@ -36,7 +36,7 @@ pub struct Limits<T> {
 }
 
 impl<T: Scalar> Limits<T> {
-    /// No limits but the mission's own: every way-point is reached at the slot's end.
+    /// No limits but the mission's own: every waypoint is reached at the slot's end.
     pub fn ideal() -> Self {
         let infinity = T::of(f64::INFINITY);
         Self {
@@ -113,10 +113,10 @@ pub struct Trajectory<T: Scalar> {
 const CHECKED: usize = 12;
 /// Halvings in the search for the largest fraction of the way that the limits allow: to 1/512.
 const HALVINGS: usize = 9;
-/// How a way-point is chased: the fraction of the way-points' own velocity, the rest being what
-/// would reach the way-point, and the fraction of what is left that is corrected within a slot.
+/// How a waypoint is chased: the fraction of the waypoints' own velocity, the rest being what
+/// would reach the waypoint, and the fraction of what is left that is corrected within a slot.
 ///
-/// Way-points are planned anew from wherever the vehicle is. Across the way to them, velocity
+/// Waypoints are planned anew from wherever the vehicle is. Across the way to them, velocity
 /// then follows `v_n = (PACE / 2) (v_{n-1} + v_{n-2}) - CORRECTION v_{n-1}`, and about a place
 /// to hover at, with the error `e`, `v_n = (1 - PACE + CORRECTION) e - CORRECTION v_{n-1}`:
 /// both die out by a factor of two or more a slot. (With 1 and 1 the first has the root -1 and
@@ -221,7 +221,7 @@ impl<T: Scalar> Trajectory<T> {
     }
 
     /// From `from` to `waypoint` at `end`, passing through it with the leg's mean velocity if
-    /// `limits` allow it, chasing it if not. `pace` is the velocity of the way-points
+    /// `limits` allow it, chasing it if not. `pace` is the velocity of the waypoints
     /// themselves, from one slot to the next.
     ///
     /// Worst case: 11 candidates of 26 points.
@@ -268,7 +268,7 @@ impl<T: Scalar> Trajectory<T> {
         let (half, third) = (T::of(0.5), T::of(1.0 / 3.0));
         // Where letting go would lead.
         let coast_position = from.position + (from.velocity + from.acceleration * (t * third)) * t;
-        // Beside the way-points' own velocity, no more than can be braked with half of the
+        // Beside the waypoints' own velocity, no more than can be braked with half of the
         // acceleration over what is left.
         let left = waypoint - coast_position;
         let brakable = (limits.acceleration_mps2 * left.norm()).sqrt();
@@ -402,7 +402,7 @@ pub struct Guide<T: Scalar> {
     current: Trajectory<T>,
     /// When the present coast began, if this is one.
     coasting: Option<Instant>,
-    /// The way-point of the last leg and when it was due; the place of rest before the first.
+    /// The waypoint of the last leg and when it was due; the place of rest before the first.
     last: (Position<T>, Instant),
     /// How long a coast may last before the stop begins.
     grace: Duration,
@@ -609,7 +609,7 @@ mod tests {
             ..ProptestConfig::with_cases(2000)
         })]
 
-        /// From any motion within the limits, to any way-point: finite, and between the points
+        /// From any motion within the limits, to any waypoint: finite, and between the points
         /// that are checked the limits hold to 3 %. Where letting go overshoots the speed while
         /// the acceleration fades, nothing that is flown overshoots it more.
         #[test]

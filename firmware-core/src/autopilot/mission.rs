@@ -30,7 +30,7 @@ use crate::time::{Duration, Instant};
 /// How a mission ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Lands at the last way-point.
+    /// Lands at the last waypoint.
     Land,
     /// Returns to the place of take-off and lands there.
     Return,
@@ -43,13 +43,13 @@ pub struct MissionPlan<'a, T: Scalar> {
     pub firmware: Firmware,
     /// Where the map lies.
     pub map: MapFrame<T>,
-    /// Way-points, m.
+    /// Waypoints, m.
     pub waypoints: &'a [Position<T>],
     /// Above the place of take-off, m.
     pub altitude_m: T,
     /// Along the way, m/s.
     pub speed_mps: T,
-    /// What follows the last way-point.
+    /// What follows the last waypoint.
     pub ending: Ending,
 }
 
@@ -62,7 +62,7 @@ pub enum PlanError {
     /// More than the protocol can number.
     #[error("the mission has {0} way-points; at most 65 000 can be uploaded")]
     TooLong(usize),
-    /// A way-point has a coordinate that is not finite.
+    /// A waypoint has a coordinate that is not finite.
     #[error("way-point {0} is not finite")]
     NotFinite(usize),
     /// The altitude or the speed is not finite, or not above zero.
@@ -101,7 +101,7 @@ impl<T: Scalar> MissionPlan<'_, T> {
         }
     }
 
-    /// Items before the first way-point: home where there is one, take-off, speed.
+    /// Items before the first waypoint: home where there is one, take-off, speed.
     fn lead(&self) -> u16 {
         if self.firmware == Firmware::Px4 { 2 } else { 3 }
     }

@@ -1,4 +1,4 @@
-//! The MAVLink client: flies the way-points of the controller with a real autopilot.
+//! The MAVLink client: flies the waypoints of the controller with a real autopilot.
 //!
 //! A state machine without I/O. The caller passes what came ([`Autopilot::receive`]) and the
 //! time, asks for what is to be sent ([`Autopilot::poll`], until `None`), and sends it:
@@ -15,7 +15,7 @@
 //! # Terms
 //!
 //! * **phase**: where in a flight we are ([`Phase`]), from the first heartbeat to the landing.
-//! * **leg**: the flight of one slot, to a way-point that is due at the slot's end.
+//! * **leg**: the flight of one slot, to a waypoint that is due at the slot's end.
 //! * **reference**: where the vehicle should be *now*; streamed as setpoints ([`guidance`]).
 //! * **sample**: a measured position ([`Sample`]) with the time at which it was taken.
 //! * **vehicle time**: the clock of the autopilot, which its samples are stamped with
@@ -192,7 +192,7 @@ pub struct Leg<T: Scalar> {
 pub struct LegEnd<T: Scalar> {
     /// Where the vehicle was at the tick.
     pub sample: Sample<T>,
-    /// From there to the way-point, m.
+    /// From there to the waypoint, m.
     pub missed_m: T,
     /// When and how that became known.
     pub tick: Tick,
@@ -217,10 +217,10 @@ pub enum LegError {
     /// The vehicle is not ready for legs.
     #[error("no leg can start while {0}")]
     Phase(Phase),
-    /// The way-point has a coordinate that is not finite.
+    /// The waypoint has a coordinate that is not finite.
     #[error("the way-point is not finite")]
     NotFinite,
-    /// The way-point is outside the geofence.
+    /// The waypoint is outside the geofence.
     #[error("the way-point ({x}, {y}) m lies outside the geofence")]
     OutsideFence {
         /// East, m.

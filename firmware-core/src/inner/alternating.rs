@@ -4,7 +4,7 @@
 //! optimum that this approaches, in one step.
 //!
 //! Each outer step fixes `eta` and repeats: `t = 1/Psi` (eq:t), then the convex problem eq:p_pbp
-//! in `b`, `p` and `Psi`. In noise-normalised units (`e = eta sigma`, `psi = Psi / e^2`) that is
+//! in `b`, `p` and `Psi`. In noise-normalized units (`e = eta sigma`, `psi = Psi / e^2`) that is
 //!
 //! ```text
 //! maximise   ln(q + psi) - psi / psi_before
@@ -83,13 +83,13 @@ pub struct AlternatingReport<T> {
 pub struct Step<T> {
     /// `l`, from 1.
     pub outer_step: u32,
-    /// Subproblems solved so far.
+    /// The number of subproblems solved so far.
     pub subproblems: u32,
     /// `R`, bit/s/Hz; never less than after the step before.
     pub rate: T,
 }
 
-/// Amplitudes, user signal and `eta`, noise-normalised.
+/// Amplitudes, user signal and `eta`, noise-normalized.
 #[derive(Clone, Copy, Debug)]
 struct Point<T> {
     level: Level<T>,
@@ -97,7 +97,7 @@ struct Point<T> {
     eta: T,
 }
 
-/// What the inner loop reached.
+/// The result of the inner loop.
 #[derive(Clone, Copy, Debug)]
 struct InnerLoop<T> {
     level: Level<T>,
@@ -107,13 +107,13 @@ struct InnerLoop<T> {
 }
 
 impl<T: Scalar> SensorField<'_, T> {
-    /// Alg. 1 for a user of gain `|g|^2`; `observe` sees every outer step.
+    /// Runs Alg. 1 for a user of gain `|g|^2`; `observe` is called after every outer step.
     ///
-    /// Starts at the least MSE, where `eta = A(c*) / E(c*)`: most other values make the first
-    /// subproblem infeasible.
+    /// The iteration starts at the least MSE, where `eta = A(c*) / E(c*)`: most other values make
+    /// the first subproblem infeasible.
     ///
     /// # Errors
-    /// A gain that is NaN, infinite or negative.
+    /// Returns an error if a gain is NaN, infinite or negative.
     pub fn alternate(
         &self,
         user: Option<PowerGain<T>>,
@@ -142,7 +142,7 @@ impl<T: Scalar> SensorField<'_, T> {
             return Ok(report);
         }
         if budget <= T::zero() {
-            // Nothing to maximise: the least MSE, as every solver answers.
+            // Nothing to maximise: every solver returns the least MSE.
             return Ok(report);
         }
         let mut here = Point {
@@ -190,8 +190,8 @@ impl<T: Scalar> SensorField<'_, T> {
         Ok(report)
     }
 
-    /// eq:p_pb2 for the `eta` of `here`: alternates `t` with the rest until neither moves nor
-    /// `Psi` is slack, and gives the best amplitudes and signal seen.
+    /// Solves eq:p_pb2 for the `eta` of `here`: alternates `t` with the other variables until
+    /// neither moves nor `Psi` is slack, and returns the best amplitudes and signal found.
     fn fixed_eta(
         &self,
         here: &Point<T>,
@@ -202,7 +202,7 @@ impl<T: Scalar> SensorField<'_, T> {
         let mut point = *here;
         let mut subproblems = 0;
         let mut converged = false;
-        // Feasible and tight: eq:eta_ only lowered the MSE of the point before.
+        // This is feasible and tight: eq:eta_ only lowered the MSE of the point before.
         let mut psi = point.level.energy;
         while subproblems < settings.inner_max && !converged {
             subproblems += 1;
@@ -230,12 +230,12 @@ impl<T: Scalar> SensorField<'_, T> {
         }
     }
 
-    /// eq:p_pbp for given `eta` and `t = 1/psi`, all noise-normalised: the amplitudes' level and
-    /// the user's signal.
+    /// Solves eq:p_pbp for given `eta` and `t = 1/psi`, all noise-normalized. Returns the level of
+    /// the amplitudes and the user's signal.
     fn subproblem(&self, eta: T, psi: T, budget: T) -> (Level<T>, T) {
         let two = T::of(2.0);
         let deficit = self.kappa / eta;
-        // The most signal that the MSE allows at a level, for this eta.
+        // The largest signal that the MSE allows at a level, for this eta.
         let room = |level: &Level<T>| (two * level.sum - deficit) / eta - level.energy;
         let ceiling = (T::one() / eta).min(self.amplitude[self.sensor_count() - 1]);
         let stationary = self.first_level(
@@ -273,12 +273,12 @@ impl<T: Scalar> SensorField<'_, T> {
         if signal >= T::zero() {
             return (level, signal.min(budget));
         }
-        // The accuracy alone asks for more than the rate does.
+        // The accuracy alone needs a higher level than the rate does.
         let level = least_for(T::zero());
         (level, room(&level).max(T::zero()).min(budget))
     }
 
-    /// Of two points, in the variables `x_j = eta y_j` and `eta^2 q`.
+    /// Returns the squared distance of two points, in the variables `x_j = eta y_j` and `eta^2 q`.
     fn squared_distance(&self, from: &Point<T>, to: &Point<T>) -> T {
         let signal = to.eta * to.eta * to.signal - from.eta * from.eta * from.signal;
         self.amplitude.iter().fold(signal * signal, |sum, &a| {

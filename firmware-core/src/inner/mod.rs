@@ -1,4 +1,4 @@
-//! The slot problem (eq:p1): the powers, coefficients and normalising factor that give the
+//! The slot problem (eq:p1): the powers, coefficients and normalizing factor that give the
 //! served user the highest rate while the average stays accurate.
 //!
 //! ```text
@@ -6,11 +6,13 @@
 //! ```
 //!
 //! [`exact`] solves it in closed form and is the default; [`alternating`] is the paper's own
-//! algorithm; [`bounded`] promises what holds for gains within bounds; [`Method`] also names the paper's comparison schemes. All of them work on a
-//! [`SensorField`]: the sensors of a position, sorted and summed once.
+//! algorithm; [`bounded`] gives guarantees for gains within bounds; [`Method`] also has the paper's
+//! comparison schemes. All of them work on a [`SensorField`]: the sensors of a position, sorted and
+//! summed once.
 //!
-//! Outcomes are values: a slot in which no choice meets `Gamma` is [`Status::Infeasible`], with
-//! the least MSE that can be had; errors are for input that is not a slot problem.
+//! The result of a solve is a value: a slot in which no choice meets `Gamma` is
+//! [`Status::Infeasible`], with the least MSE that is possible. Errors are for input that is not a
+//! slot problem.
 
 pub mod alternating;
 pub mod bounded;
@@ -30,7 +32,8 @@ use crate::{
     units::{PowerGain, Watt},
 };
 
-/// What bounds a slot whatever the channel: the mission's powers, noise and threshold.
+/// The limits of a slot, which do not depend on the channel: the mission's powers, noise and
+/// threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SlotLimits<T> {
     /// `p_b^max`.
@@ -44,7 +47,7 @@ pub struct SlotLimits<T> {
 }
 
 impl<T: Scalar> SlotLimits<T> {
-    /// The limits of a mission.
+    /// Returns the limits of a mission.
     pub fn of_mission<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let p = mission.parameters();
         Self {
@@ -55,15 +58,16 @@ impl<T: Scalar> SlotLimits<T> {
         }
     }
 
-    /// `kappa = J (1 - J Gamma)`: with the best `eta`, `MSE <= Gamma` is `A^2 >= kappa (q + E)`.
+    /// Returns `kappa = J (1 - J Gamma)`: with the best `eta`, `MSE <= Gamma` is `A^2 >= kappa (q +
+    /// E)`.
     pub fn kappa(&self, sensors: usize) -> T {
         let sensors = T::count(sensors);
         sensors * (T::one() - sensors * self.mse_threshold)
     }
 
-    /// The same limits with `Gamma` a few units in the last place lower: what answers aim at,
-    /// so that rounding does not take the MSE over `Gamma`. Costs less than 1e-5 of the rate in
-    /// single precision.
+    /// Returns the same limits with `Gamma` a few units in the last place lower. Solutions aim at
+    /// these, so that rounding does not take the MSE over `Gamma`. This costs less than 1e-5 of the
+    /// rate in single precision.
     fn aim(&self) -> Self {
         let margin = T::EPSILON * T::of(8.0);
         Self {
@@ -72,11 +76,11 @@ impl<T: Scalar> SlotLimits<T> {
         }
     }
 
-    /// The largest coefficient `b` with `b^2 <= p_b^max`, exactly: the rounded square root may
-    /// square to more.
+    /// Returns the largest coefficient `b` with `b^2 <= p_b^max`, exactly: the square of the
+    /// rounded square root may exceed `p_b^max`.
     pub fn coefficient_max(&self) -> T {
         let root = self.sensor_power_max.0.sqrt();
-        // One rounding, after the sum: the sign is that of the exact difference.
+        // The fused operation rounds once, after the sum: the sign is that of the exact difference.
         if root.mul_add(root, -self.sensor_power_max.0) > T::zero() {
             root.next_below()
         } else {
@@ -120,26 +124,26 @@ impl<T: Scalar> SlotLimits<T> {
     }
 }
 
-/// What holds the rate of an optimal slot back.
+/// What limits the rate of an optimal slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LimitedBy {
-    /// The accuracy of the average: more user power would spoil it.
+    /// The accuracy of the average: more user power would exceed `Gamma`.
     Accuracy,
     /// The user's power: it transmits at `p^max`.
     Power,
-    /// Nothing to hold back: nobody is served, or the user cannot be heard, and the slot is
-    /// spent on the least MSE.
+    /// Nothing: nobody is served, or the user cannot be heard, and the slot is used for the least
+    /// MSE.
     None,
 }
 
-/// How a slot came out.
+/// The status of a slot's solution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status<T> {
     /// The global optimum of eq:p1.
     Optimal {
-        /// What holds it back.
+        /// What limits the rate.
         limited_by: LimitedBy,
     },
     /// No choice meets `Gamma`. The user is silent and the average has the MSE below.
@@ -147,32 +151,33 @@ pub enum Status<T> {
         /// The smallest MSE that these channels allow.
         least_mse: T,
     },
-    /// An iteration that came to rest ([`alternating`]): all constraints hold, the rate may lie
-    /// below the optimum.
+    /// An iteration that converged ([`alternating`]): all constraints hold, the rate may be below
+    /// the optimum.
     Converged {
-        /// What holds it back.
+        /// What limits the rate.
         limited_by: LimitedBy,
     },
-    /// An iteration that was cut off: all constraints hold, the rate may lie below the optimum.
+    /// An iteration that reached its limit: all constraints hold, the rate may be below the
+    /// optimum.
     IterationLimit {
-        /// What holds it back.
+        /// What limits the rate.
         limited_by: LimitedBy,
     },
     /// Gains were known within bounds only ([`bounded`]): all constraints hold for every gain
-    /// within them.
+    /// within the bounds.
     Guaranteed {
-        /// What holds it back.
+        /// What limits the rate.
         limited_by: LimitedBy,
     },
 }
 
 impl<T> Status<T> {
-    /// Whether the average is as accurate as asked.
+    /// Returns whether the average meets `Gamma`.
     pub fn is_feasible(&self) -> bool {
         !matches!(self, Status::Infeasible { .. })
     }
 
-    /// What holds the rate back; `None` where it is the channels, which do not allow `Gamma`.
+    /// Returns what limits the rate; `None` where the channels do not allow `Gamma`.
     pub fn limited_by(&self) -> LimitedBy {
         match *self {
             Status::Optimal { limited_by }
@@ -184,11 +189,11 @@ impl<T> Status<T> {
     }
 }
 
-/// The answer to a slot problem. The coefficients follow from two numbers and the channel:
+/// The solution of a slot problem. The coefficients follow from two numbers and the channel:
 /// [`coefficient`](Self::coefficient).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution<T> {
-    /// How the slot came out.
+    /// The status of the solution.
     pub status: Status<T>,
     /// `R`, bit/s/Hz.
     pub rate: T,
@@ -196,13 +201,13 @@ pub struct Solution<T> {
     pub user_power: Watt<T>,
     /// `eta` (eq:eta_), one over square root of watts.
     pub normalizing_factor: T,
-    /// The amplitude at which sensors arrive that can, square root of watts.
+    /// The amplitude at which the signals of strong sensors arrive, square root of watts.
     level: T,
     coefficient_max: T,
 }
 
 impl<T: Scalar> Solution<T> {
-    /// `|b_j|` of a sensor with gain `|h_j|^2`, square root of watts; at most
+    /// Returns `|b_j|` of a sensor with gain `|h_j|^2`, square root of watts; at most
     /// `sqrt(p_b^max)`, exactly. A sensor that cannot be heard stays silent.
     pub fn coefficient(&self, gain: PowerGain<T>) -> T {
         self.coefficient_of_amplitude(gain.amplitude())
@@ -217,7 +222,7 @@ impl<T: Scalar> Solution<T> {
     }
 }
 
-/// Which solver allocates a slot.
+/// The solver that allocates a slot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method<T> {
@@ -226,18 +231,18 @@ pub enum Method<T> {
     Exact,
     /// The paper's Alg. 1.
     Alternating(alternating::AlternatingSettings<T>),
-    /// Users send with this power or not at all; the rest is optimal.
+    /// Users transmit with this power or not at all; the rest is optimal.
     FixedUserPower(Watt<T>),
-    /// Sensors send with this power; the rest is optimal.
+    /// Sensors transmit with this power; the rest is optimal.
     FixedSensorPower(Watt<T>),
 }
 
 impl<T: Scalar> Method<T> {
-    /// Solves a slot with a user of gain `|g|^2` served, or (`None`) with nobody. Worst case:
-    /// the method's own.
+    /// Solves a slot with a user of gain `|g|^2` served, or nobody (`None`). The worst case is that
+    /// of the method.
     ///
     /// # Errors
-    /// A gain that is NaN, infinite or negative.
+    /// Returns an error if a gain is NaN, infinite or negative.
     pub fn solve(
         &self,
         field: &SensorField<'_, T>,
@@ -256,7 +261,7 @@ impl<T: Scalar> Method<T> {
 }
 
 impl<T: Scalar> SensorField<'_, T> {
-    /// From the normalised problem back to watts: `p = q sigma^2 / |g|^2`, never above `p^max`.
+    /// Converts the normalized solution to watts: `p = q sigma^2 / |g|^2`, never above `p^max`.
     fn solution(
         &self,
         status: Status<T>,
@@ -283,10 +288,10 @@ impl<T: Scalar> SensorField<'_, T> {
     }
 }
 
-/// Input that is not a slot problem.
+/// Error returned for input that is not a slot problem.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SlotError<T: fmt::Display> {
-    /// No sensor: there is nothing to average.
+    /// There are no sensors to average.
     #[error("sensor_gain is empty, but at least one sensor must be averaged")]
     NoSensors,
     /// A sensor's gain is NaN, infinite or negative.
@@ -303,28 +308,28 @@ pub enum SlotError<T: fmt::Display> {
         /// The gain.
         value: T,
     },
-    /// A limit is not one.
+    /// A limit is out of its range.
     #[error("{field} is {value}, but must be {expected}")]
     OutOfRange {
-        /// Which.
+        /// The name of the limit.
         field: &'static str,
         /// Its value.
         value: T,
-        /// What would be right.
+        /// The valid range.
         expected: &'static str,
     },
     /// The workspace is too small.
     #[error("{sensors} sensors do not fit into room for {capacity}")]
     TooManySensors {
-        /// `J`.
+        /// `J`, the number of sensors.
         sensors: usize,
-        /// What fits.
+        /// The capacity of the workspace.
         capacity: usize,
     },
 }
 
 impl<T: Scalar> SlotError<T> {
-    /// The gain of the user to serve, 0 for nobody; refused if it is not a gain.
+    /// Returns the gain of the user to serve, 0 for nobody, or an error if the gain is invalid.
     fn check_user(user: Option<PowerGain<T>>) -> Result<PowerGain<T>, Self> {
         match user {
             Some(gain) if !gain.is_valid() => Err(Self::UserGain { value: gain.0 }),
@@ -334,7 +339,7 @@ impl<T: Scalar> SlotError<T> {
     }
 }
 
-/// Checks gains before a solver sees them.
+/// Checks the gains of all sensors.
 fn check_gains<T: Scalar>(
     mut sensor_gains: impl Iterator<Item = PowerGain<T>>,
 ) -> Result<(), SlotError<T>> {

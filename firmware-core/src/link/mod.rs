@@ -10,9 +10,9 @@
 //! | CRC | 4, little endian | CRC-32/ISO-HDLC over version and message |
 //! | delimiter | 1 | `0x00`, which COBS keeps out of everything before it |
 //!
-//! A receiver that lost or misread bytes is in step again at the next delimiter: damage costs
-//! the frames that it touches and no other. [`Decoder`] never panics and never allocates; it
-//! counts what it dropped and why ([`status`]).
+//! A receiver that lost or misread bytes is synchronized again at the next delimiter: damage
+//! affects only the frames that it touches. [`Decoder`] never panics and never allocates; it counts
+//! what it dropped and why ([`status`]).
 //!
 //! Worst case: one pass over a frame of at most [`FRAME_MAX`] bytes.
 
@@ -30,14 +30,15 @@ use crate::{
 };
 pub use status::{LinkCounters, SlotCounters, VehicleStatus};
 
-/// The version that this crate speaks. Any change of a message is a new one.
+/// The protocol version of this crate. Any change of a message needs a new version.
 pub const PROTOCOL_VERSION: u8 = 3;
 
 /// The longest frame at the default capacities, in double precision.
 pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
 
-/// The longest frame for up to so many users and sensors, in double precision, delimiters
-/// included. That a message fits is checked when the program is compiled: see [`encode`].
+/// Returns the length of the longest frame for up to so many users and sensors, in double
+/// precision, delimiters included. Whether every message fits is checked at compile time: see
+/// [`encode`].
 pub const fn frame_max(users: usize, sensors: usize) -> usize {
     // postcard: integers in groups of 7 bits, enumerations and lengths as integers.
     const REAL: usize = 8;
@@ -63,38 +64,38 @@ pub const fn frame_max(users: usize, sensors: usize) -> usize {
 
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// What the ground and the vehicle say to one another.
+/// A message between the ground and the vehicle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 #[allow(clippy::large_enum_variant)] // no allocator: every message takes the room of the largest
 pub enum Message<T: Scalar, const M: usize, const J: usize> {
-    /// To the vehicle: the channels of a slot, at the position that it reported.
+    /// To the vehicle: the channels of a slot, measured at the reported position.
     ChannelState(ChannelState<T, M, J>),
-    /// To the ground: a slot is flown, measure its channels.
+    /// To the ground: a slot has been flown; its channels are to be measured.
     Arrival(Arrival<T>),
-    /// To the ground: what users and sensors do in a slot.
+    /// To the ground: the transmissions of users and sensors in a slot.
     Command(SlotCommand<T, J>),
-    /// To the ground, after every slot: how the vehicle fares.
+    /// To the ground, after every slot: the state of the vehicle.
     Status(VehicleStatus),
 }
 
-/// The vehicle is at the end of a slot.
+/// Reports that the vehicle is at the end of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct Arrival<T: Scalar> {
-    /// What was planned: slot, waypoint, user.
+    /// The plan of the slot: number, waypoint, user.
     pub plan: Plan<T>,
-    /// Where the vehicle measured itself to be at the tick, metres.
+    /// The measured position of the vehicle at the tick, metres.
     pub position: Position<T>,
-    /// When the slot ended, on the vehicle's clock, and how that was known.
+    /// The time at which the slot ended, on the vehicle's clock, and how it was determined.
     pub tick: Tick,
 }
 
-/// The buffer for a frame is too small.
+/// Error returned when the buffer for a frame is too small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a frame does not fit into {capacity} bytes")]
 pub struct FrameTooLong {
-    /// What there was.
+    /// The size of the buffer, bytes.
     pub capacity: usize,
 }
 
@@ -103,7 +104,7 @@ pub struct FrameTooLong {
 /// Capacities `M` and `J` whose messages could outgrow [`FRAME_MAX`] do not compile.
 ///
 /// # Errors
-/// The frame does not fit; [`FRAME_MAX`] bytes always suffice.
+/// Returns an error if the frame does not fit; [`FRAME_MAX`] bytes always suffice.
 pub fn encode<'f, T: Scalar, const M: usize, const J: usize>(
     message: &Message<T, M, J>,
     frame: &'f mut [u8],
@@ -111,7 +112,7 @@ pub fn encode<'f, T: Scalar, const M: usize, const J: usize>(
     encode_as(PROTOCOL_VERSION, message, frame)
 }
 
-/// As [`encode`], but says that it is of another protocol version: for whoever tests a receiver.
+/// As [`encode`], with another protocol version in the frame, for tests of a receiver.
 ///
 /// # Errors
 /// As [`encode`].
@@ -129,7 +130,7 @@ pub fn encode_as<'f, T: Scalar, const M: usize, const J: usize>(
     seal::<FRAME_MAX>(version, message, frame)
 }
 
-/// A message of any protocol as a frame; `N` is the longest.
+/// Encodes a message of any protocol as a frame of at most `N` bytes.
 pub(crate) fn seal<'f, const N: usize>(
     version: u8,
     message: &impl Serialize,
@@ -153,7 +154,7 @@ pub(crate) fn seal<'f, const N: usize>(
     Ok(&frame[..encoded + 2])
 }
 
-/// Why bytes between two delimiters were no message.
+/// Error returned when the bytes between two delimiters are not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// Longer than any frame.
@@ -165,18 +166,19 @@ pub enum FrameError {
     /// The CRC does not match.
     #[error("checksum does not match")]
     Checksum,
-    /// Another version.
+    /// The frame has another protocol version.
     #[error("protocol version {got}, but this is {PROTOCOL_VERSION}")]
     Version {
-        /// Which.
+        /// The version of the frame.
         got: u8,
     },
-    /// A sound frame whose message cannot be read: too many gains, say.
+    /// The frame is correct, but its message cannot be decoded, for example because it has too many
+    /// gains.
     #[error("not a message of this protocol")]
     Message,
 }
 
-/// Finds messages in a stream of bytes. `N` is the longest frame that it takes.
+/// Finds messages in a stream of bytes. `N` is the length of the longest frame that it accepts.
 #[derive(Clone, Debug, Default)]
 pub struct Decoder<const N: usize = FRAME_MAX> {
     buffer: Vec<u8, N>,
@@ -185,7 +187,7 @@ pub struct Decoder<const N: usize = FRAME_MAX> {
 }
 
 impl<const N: usize> Decoder<N> {
-    /// Nothing received yet.
+    /// Creates a decoder that has received nothing.
     pub fn new() -> Self {
         Self {
             buffer: Vec::new(),
@@ -194,12 +196,12 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// What was seen so far.
+    /// Returns the counters of what was received so far.
     pub fn counters(&self) -> &LinkCounters {
         &self.counters
     }
 
-    /// Takes a byte. At the end of a frame: its message, or why it has none.
+    /// Takes a byte. At the end of a frame it returns the message, or the error if there is none.
     pub fn push<T: Scalar, const M: usize, const J: usize>(
         &mut self,
         byte: u8,
@@ -207,7 +209,7 @@ impl<const N: usize> Decoder<N> {
         self.push_of(PROTOCOL_VERSION, byte)
     }
 
-    /// Takes a byte of a protocol of any messages.
+    /// Takes a byte of a protocol with messages of any type.
     pub(crate) fn push_of<D: DeserializeOwned>(
         &mut self,
         version: u8,
@@ -220,7 +222,7 @@ impl<const N: usize> Decoder<N> {
         let outcome = if self.overflowed {
             Err(FrameError::TooLong)
         } else if self.buffer.is_empty() {
-            // Two delimiters in a row: idle line, or a sender that starts with one.
+            // Two delimiters in a row: an idle line, or a sender that starts with one.
             return None;
         } else {
             decode(version, &mut self.buffer)
@@ -235,7 +237,7 @@ impl<const N: usize> Decoder<N> {
     }
 }
 
-/// A message from the bytes between two delimiters.
+/// Decodes a message from the bytes between two delimiters.
 fn decode<D: DeserializeOwned>(expected: u8, frame: &mut [u8]) -> Result<D, FrameError> {
     let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Malformed)?;
     let (plain, checksum) = frame[..length]

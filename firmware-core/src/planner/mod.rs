@@ -14,18 +14,18 @@
 //!
 //! # Anytime
 //!
-//! From its first moment a [`Planner`] has a feasible plan (at worst the fair straight line), and
-//! [`Planner::advance`] improves it, in steps of bounded work. A plan is only ever replaced by
-//! one with a larger sum of rates. The planner needs no allocator and no clock: the caller
-//! provides the [`Memory`] and decides how much work to ask for and when.
+//! From its creation a [`Planner`] has a feasible plan (at worst the fair straight line), and
+//! [`Planner::advance`] improves it, in steps of bounded work. A plan is only ever replaced by one
+//! with a larger sum of rates. The planner needs no allocator and no clock: the caller provides the
+//! [`Memory`] and decides how much work to ask for and when.
 //!
 //! # In flight
 //!
-//! [`Planner::restart`] continues from any state: slot, measured position, slots served so far
-//! and reach. [`Planner::change_mission`] takes over what has changed of users, sensors, threshold,
-//! noise or speed. Both keep the prices and as much of the old plan as stays feasible. As a
-//! [`Policy`], the planner follows its plan, corrected for where the vehicle is; the
-//! [shield](crate::shield) stays above it.
+//! [`Planner::restart`] continues from any state: slot, measured position, slots served so far and
+//! reach. [`Planner::change_mission`] takes over changes of users, sensors, threshold, noise or
+//! speed. Both keep the prices and as much of the old plan as stays feasible. As a [`Policy`], the
+//! planner follows its plan, corrected for the vehicle's position; the [shield](crate::shield)
+//! still checks every action.
 //!
 //! ```
 //! # use firmware_core::{Mission, Position, Watt, mission::*, planner::*};
@@ -73,7 +73,7 @@ use search::Search;
 
 pub use memory::{Capacity, Memory};
 
-/// How much work the planner does before it is finished.
+/// Settings of the planner: how much work it does before it is finished.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannerSettings {
     /// Iterations of the prices in the first round.
@@ -110,7 +110,7 @@ impl PlannerSettings {
     }
 }
 
-/// Error returned when a planner cannot be made for a mission.
+/// Error returned when a planner cannot be created for a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlannerError {
     /// The mission exceeds the capacity.
@@ -120,7 +120,7 @@ pub enum PlannerError {
         what: &'static str,
         /// How many the mission has.
         got: usize,
-        /// What the capacity is for.
+        /// The capacity of the planner.
         capacity: usize,
     },
     /// The memory is smaller than the capacity needs.
@@ -128,17 +128,17 @@ pub enum PlannerError {
     TooLittleMemory {
         /// `numbers` or `bytes`.
         what: &'static str,
-        /// What the capacity needs.
+        /// How many the capacity needs.
         needed: usize,
-        /// What there is.
+        /// How many there are.
         got: usize,
     },
 }
 
-/// What a call of [`Planner::advance`] did.
+/// The result of a call of [`Planner::advance`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Operations that were carried out.
+    /// The number of operations that were carried out.
     pub operations: u64,
     /// Whether nothing is left to do: more calls change nothing.
     pub finished: bool,
@@ -154,16 +154,17 @@ pub struct PlannerState<'a, T: Scalar> {
     pub position: Position<T>,
     /// Slots that each user has been served so far; users without an entry have none.
     pub counts: &'a [u32],
-    /// How far the vehicle gets in a slot now, metres. At most `V_max delta`; anything that is not
-    /// a number above 0 counts as `V_max delta`.
+    /// The distance that the vehicle can fly in a slot now, metres. At most `V_max delta`; anything
+    /// that is not a number above 0 counts as `V_max delta`.
     pub reach_m: T,
 }
 
-/// A plan for the rest of a mission, and the work that improves it. See the
+/// A plan for the rest of a mission, and the state of the search that improves it. See the
 /// [module](self).
 ///
-/// `M` is the capacity for users, `J` for sensors. Memory: `S`, of the size that [`Capacity`]
-/// states, and about 6 KiB of its own in single precision at the default capacities.
+/// `M` is the capacity for users, `J` for sensors. The planner uses the memory `S`, of the size
+/// that [`Capacity`] states, and about 6 KiB of its own in single precision at the default
+/// capacities.
 #[derive(Clone, Debug)]
 pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
     search: Search<T, M, J>,
@@ -177,11 +178,12 @@ pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
 }
 
 impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J> {
-    /// A planner for the whole of a mission. Its plan is the straight line until
+    /// Creates a planner for a whole mission. Its plan is the straight line until
     /// [`advance`](Self::advance) is called.
     ///
     /// # Errors
-    /// A mission that exceeds the capacity, memory that is smaller than the capacity needs.
+    /// Returns an error if the mission exceeds the capacity, or if the memory is smaller than the
+    /// capacity needs.
     pub fn new(
         mission: &Mission<T, M, J>,
         capacity: Capacity,
@@ -215,13 +217,13 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         Ok(planner)
     }
 
-    /// The same planner, working as `settings` say.
+    /// Sets the planner's settings.
     pub fn with_settings(mut self, settings: PlannerSettings) -> Self {
         self.search.settings = settings;
         self
     }
 
-    /// As a [`Policy`], the planner may spend so many operations on each decision.
+    /// Sets how many operations the planner may spend on each decision as a [`Policy`].
     pub fn with_operations_per_slot(mut self, operations: u64) -> Self {
         self.operations_per_slot = operations;
         self
@@ -231,7 +233,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let capacity = &self.search.capacity;
         for (what, got, capacity) in [
             ("slots", mission.slots() as usize, capacity.slots),
-            // Users are kept as bytes.
+            // Users are stored as bytes.
             ("users", mission.user_count(), capacity.users.min(256)),
         ] {
             if got > capacity {
@@ -245,13 +247,13 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         Ok(())
     }
 
-    /// The mission that is planned.
+    /// Returns the mission that is planned.
     pub fn mission(&self) -> &Mission<T, M, J> {
         &self.search.mission
     }
 
-    /// Plans the rest of the mission from another state. The prices are kept, and so is the part
-    /// of the plan that is still ahead and feasible, or can be made so by small corrections.
+    /// Plans the rest of the mission from another state. The prices are kept, and so is the part of
+    /// the plan that is still ahead and feasible, or can be made feasible by small corrections.
     ///
     /// Worst case: 29 candidate places for every slot that remains. The state is copied.
     pub fn restart(&mut self, state: &PlannerState<'_, T>) {
@@ -276,13 +278,12 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         self.begin(state.counts, position, ahead.is_some());
     }
 
-    /// Takes over what is known now: positions of users and sensors, how many there are, threshold,
-    /// noise, powers, speed, number of slots. The area's grid and the prices start from the old
-    /// ones. Users keep their numbers. Call [`restart`](Self::restart) afterwards where the state
-    /// has changed, too.
+    /// Takes over a changed mission: positions and numbers of users and sensors, threshold, noise,
+    /// powers, speed, number of slots. The search starts from the old grid and prices. Users keep
+    /// their numbers. Call [`restart`](Self::restart) afterwards where the state has changed, too.
     ///
     /// # Errors
-    /// A mission that exceeds the capacity; the old one stays.
+    /// Returns an error if the mission exceeds the capacity; the old mission is kept.
     pub fn change_mission(&mut self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
         self.check(mission)?;
         let kept = mission.slots() == self.search.mission.slots();
@@ -301,7 +302,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let route = Route::new(&search.mission, position, slots, self.reach_m);
         let users = search.mission.user_count();
         let quota = search.mission.quota();
-        // Those of users that may join are kept, too.
+        // The counts of users that may join later are kept, too.
         self.counts = counts.iter().copied().take(M).collect();
         search.least = [0; M];
         for (user, least) in search.least.iter_mut().enumerate().take(users) {
@@ -343,27 +344,27 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         }
     }
 
-    /// The most operations that one step takes, whatever the budget.
+    /// Returns the largest number of operations that one step takes, whatever the budget.
     pub fn largest_step(&self) -> u64 {
         self.search.largest_step()
     }
 
-    /// The sum of the rates of the plan, bit/s/Hz, from the coming slot on; 0 while the first
-    /// plan has not been evaluated, which takes one evaluation of the rates for every slot.
+    /// Returns the sum of the rates of the plan, bit/s/Hz, from the coming slot on; 0 while the
+    /// first plan has not been evaluated, which takes one evaluation of the rates for every slot.
     pub fn value(&self) -> T {
         self.search.best_total.unwrap_or(T::zero())
     }
 
-    /// An estimate of what no plan can exceed, bit/s/Hz: the least dual value on the planner's
-    /// grid. An estimate and no bound, because values are interpolated between the nodes and
-    /// stages are several slots long; `host-sim bound` certifies one. `None` before the first
-    /// iteration of the prices.
+    /// Returns an estimate of the largest value that any plan can have, bit/s/Hz: the least dual
+    /// value on the planner's grid. It is not a bound, because values are interpolated between the
+    /// nodes and stages are several slots long; `host-sim bound` certifies one. Returns `None`
+    /// before the first iteration of the prices.
     pub fn upper_estimate(&self) -> Option<T> {
         let dual = self.search.prices.least_dual;
         dual.finite().then(|| dual.max(self.value()))
     }
 
-    /// An estimate of the gap `(upper - value) / upper` to the optimum, from 0 to 1; see
+    /// Returns an estimate of the gap `(upper - value) / upper` to the optimum, from 0 to 1; see
     /// [`upper_estimate`](Self::upper_estimate).
     pub fn gap_estimate(&self) -> Option<T> {
         let upper = self.upper_estimate()?;
@@ -373,24 +374,24 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         Some(((upper - self.value()) / upper).max(T::zero()))
     }
 
-    /// The prices of fairness `lambda_m`, bit/s/Hz, one per user.
+    /// Returns the prices of fairness `lambda_m`, bit/s/Hz, one per user.
     pub fn prices(&self) -> &[T] {
         let users = self.search.users();
         self.search.prices.values.get(..users).unwrap_or(&[])
     }
 
-    /// The coming slot, from which on the plan holds.
+    /// Returns the coming slot, from which on the plan is valid.
     pub fn slot(&self) -> u32 {
         self.slot
     }
 
-    /// The index of a slot in the plan.
+    /// Returns the index of a slot in the plan.
     fn index(&self, slot: u32) -> Option<usize> {
         let index = slot.checked_sub(self.slot)? as usize;
         (index < self.search.route.slots).then_some(index)
     }
 
-    /// Where the vehicle is to be at the end of a slot, metres; `None` for slots that are not
+    /// Returns the place to be at by the end of a slot, metres, or `None` for slots that are not
     /// ahead.
     pub fn waypoint(&mut self, slot: u32) -> Option<Position<T>> {
         let index = self.index(slot)?;
@@ -398,14 +399,14 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         Some(parts.best.place(index))
     }
 
-    /// Who is to be served in a slot, from 0; `None` for slots that are not ahead.
+    /// Returns the user to serve in a slot, from 0, or `None` for slots that are not ahead.
     pub fn served_user(&mut self, slot: u32) -> Option<usize> {
         let index = self.index(slot)?;
         let parts = Parts::carve(&self.search.capacity, self.memory.parts());
         Some(parts.best.user(index))
     }
 
-    /// Whether the plan starts from this state, so that there is nothing to correct.
+    /// Returns whether the plan starts from this state, so that there is nothing to correct.
     fn is_at(&self, observation: &Observation<'_, T>) -> bool {
         let count = |counts: &[u32], user| counts.get(user).copied().unwrap_or(0);
         observation.slot == self.slot
@@ -416,8 +417,8 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
 }
 
 impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for Planner<T, S, M, J> {
-    /// The plan's waypoint and user, after the plan has been corrected for the observed state and
-    /// the operations per slot have been spent on improving it.
+    /// Returns the plan's waypoint and user, after the plan has been corrected for the observed
+    /// state and the operations per slot have been spent on improving it.
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
         if !self.is_at(observation) {
             self.restart(&PlannerState {
@@ -446,7 +447,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
     }
 }
 
-/// Lowers what users are owed to `slots` in all, the largest claims first.
+/// Reduces the remaining quotas of the users to `slots` in all, the largest first.
 fn reduce_to<const M: usize>(least: &mut [u32; M], slots: usize) {
     let sum = |least: &[u32; M]| -> usize { least.iter().map(|&count| count as usize).sum() };
     while sum(least) > slots {
@@ -457,7 +458,7 @@ fn reduce_to<const M: usize>(least: &mut [u32; M], slots: usize) {
     }
 }
 
-/// Whether an order of service has only users that there are, and gives each what it is owed.
+/// Returns whether an order of service contains valid users only and meets every remaining quota.
 fn is_fair<const M: usize>(least: &[u32; M], users: usize, served: &[u8], slots: usize) -> bool {
     let served = served.get(..slots).unwrap_or(&[]);
     let counts: [u32; M] = assignment::counts(served);
@@ -468,7 +469,8 @@ fn is_fair<const M: usize>(least: &[u32; M], users: usize, served: &[u8], slots:
             .all(|(count, least)| count >= least)
 }
 
-/// A fair order of service without knowledge of rates: in turn, those first that are owed most.
+/// Creates a fair order of service without knowledge of rates: in turn, the user with the largest
+/// remaining quota first.
 fn serve_in_turn<const M: usize>(least: &[u32; M], users: usize, served: &mut [u8], slots: usize) {
     let mut owed = *least;
     for served in served.iter_mut().take(slots) {

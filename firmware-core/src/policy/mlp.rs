@@ -1,5 +1,5 @@
-//! A trained policy without an allocator: a multilayer perceptron that reads its weights where
-//! they lie, in flash or in a file's bytes.
+//! A trained policy without an allocator: a multilayer perceptron that reads its weights in place,
+//! in flash or in a file's bytes.
 //!
 //! ```text
 //! x = (observation - offset) * scale
@@ -18,7 +18,7 @@
 //! | header | varies | [`Header`] in postcard's encoding |
 //! | numbers | 4 each | `f32`: offset, scale, then per layer weights (a row per output) and biases, then the test vector: an observation, and the displacement and scores it gives |
 //!
-//! [`Mlp::load`] checks all of it, the test vector included. Worst case of a decision: one pass
+//! [`Mlp::load`] checks all of it, including the test vector. Worst case of a decision: one pass
 //! over the weights and two `tanh`; about 41,000 multiplications and additions at 128 neurons.
 
 use core::fmt;
@@ -30,25 +30,25 @@ use serde::{Deserialize, Serialize};
 use super::{Action, Observation, Policy, Provenance};
 use crate::scalar::{Displacement, Scalar};
 
-/// The version that this crate reads and writes.
+/// The format version that this crate reads and writes.
 pub const FORMAT_VERSION: u16 = 1;
-/// The widest layer, input and output included.
+/// The largest width of a layer, input and output included.
 pub const WIDTH_MAX: usize = 256;
 /// The largest number of layers.
 pub const LAYERS_MAX: usize = 6;
-/// How far from its test vector a policy may be, as a fraction of full scale.
+/// The largest difference from its test vector that a policy may have, as a fraction of full scale.
 pub const SELF_TEST_TOLERANCE: f32 = 1e-5;
 
 const MAGIC: [u8; 4] = *b"UAVP";
 const PREAMBLE: usize = 10;
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// What goes before the numbers.
+/// The header of a policy file, before the numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// What it was trained for and by what.
+    /// The origin of the policy.
     pub provenance: Provenance,
-    /// `V_max delta`, metres: what `tanh` is multiplied with.
+    /// `V_max delta`, metres: the factor of `tanh`.
     pub reach_m: f32,
     /// Sizes from input to output, for example `[19, 128, 128, 17]`.
     pub sizes: Vec<u16, { LAYERS_MAX + 1 }>,
@@ -63,7 +63,7 @@ impl Header {
         self.sizes.last().map_or(0, |&n| n.into())
     }
 
-    /// How many numbers follow.
+    /// Returns how many numbers follow the header.
     pub fn number_count(&self) -> usize {
         let layers = self.sizes.windows(2);
         let layers: usize = layers
@@ -95,95 +95,96 @@ impl Header {
     }
 }
 
-/// Bytes that are not a sound policy.
+/// Error returned when bytes are not a valid policy.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum LoadError {
-    /// Another kind of file, or a cut one.
+    /// The file is of another kind, or is incomplete.
     #[error("not a .policy file: it does not start with UAVP")]
     NotAPolicy,
-    /// Written by another version.
+    /// The file has another format version.
     #[error("format version is {got}, but this build reads {FORMAT_VERSION}")]
     Version {
-        /// The file's.
+        /// The file's version.
         got: u16,
     },
-    /// Damaged or cut.
+    /// The file is damaged or incomplete.
     #[error("checksum is {got:#010x}, but the file says {expected:#010x}: it is damaged")]
     Checksum {
-        /// Of the bytes.
+        /// The checksum of the bytes.
         got: u32,
-        /// What the file says.
+        /// The checksum in the file.
         expected: u32,
     },
-    /// The header does not decode.
+    /// The header cannot be decoded.
     #[error("the header cannot be decoded")]
     Header,
-    /// Layers that do not make a policy for the users.
+    /// The layers do not make a policy for the number of users.
     #[error(
         "layers go from {inputs} to {outputs} for {users} users, but must go from users + 4 to \
          users + 2, each 1 to {WIDTH_MAX} wide"
     )]
     Shape {
-        /// Size of the input.
+        /// The size of the input.
         inputs: usize,
-        /// Size of the output.
+        /// The size of the output.
         outputs: usize,
-        /// `M`.
+        /// `M`, the number of users.
         users: usize,
     },
-    /// A reach that is none.
+    /// The reach is not a finite number above 0.
     #[error("reach_m is {value}, but must be a finite number above 0")]
     Reach {
         /// Its value.
         value: f32,
     },
-    /// Too few or too many numbers.
+    /// The file has too few or too many numbers.
     #[error("the file has {got} bytes of numbers, but its layers need {expected}")]
     Length {
-        /// Bytes there are.
+        /// The number of bytes in the file.
         got: usize,
-        /// Bytes needed.
+        /// The number of bytes needed.
         expected: usize,
     },
     /// A number is NaN or infinite.
     #[error("number {index} is {value}, but must be finite")]
     NotFinite {
-        /// Which.
+        /// The index of the number.
         index: usize,
         /// Its value.
         value: f32,
     },
-    /// The test vector does not come out.
+    /// The network does not reproduce its test vector.
     #[error("self-test: output {index} is {got}, but the file expects {expected}")]
     SelfTest {
-        /// Which output: 0 and 1 the displacement, then the scores.
+        /// The index of the output: 0 and 1 the displacement, then the scores.
         index: usize,
-        /// What came out.
+        /// The computed value.
         got: f32,
-        /// What should.
+        /// The expected value.
         expected: f32,
     },
 }
 
-/// What goes into a file does not make one.
+/// Error returned when a policy file cannot be written.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum WriteError {
-    /// It would not load.
+    /// The file could not be loaded again.
     #[error(transparent)]
     Unsound(#[from] LoadError),
     /// The buffer is too small.
     #[error("a policy does not fit into {capacity} bytes")]
     TooLong {
-        /// Its size.
+        /// The size of the buffer, bytes.
         capacity: usize,
     },
 }
 
-/// Writes a policy file into `file` and returns its length. `numbers` in the order of the
+/// Writes a policy file into `file` and returns its length. `numbers` are in the order of the
 /// [module's](self) table.
 ///
 /// # Errors
-/// A header that makes no policy, a wrong number of numbers, too small a buffer.
+/// Returns an error if the header is invalid, if the number of numbers is wrong, or if the buffer
+/// is too small.
 pub fn write(
     header: &Header,
     numbers: impl ExactSizeIterator<Item = f32>,
@@ -212,12 +213,12 @@ pub fn write(
     Ok(PREAMBLE + end)
 }
 
-/// A policy over the bytes of its file: `&'static [u8]` in flash, `Vec<u8>` on a host.
+/// A policy on the bytes of its file: `&'static [u8]` in flash, `Vec<u8>` on a host.
 #[derive(Clone)]
 pub struct Mlp<B> {
     file: B,
     header: Header,
-    /// Where the numbers start.
+    /// The offset of the numbers.
     start: usize,
 }
 
@@ -230,10 +231,10 @@ impl<B> fmt::Debug for Mlp<B> {
 }
 
 impl<B: AsRef<[u8]>> Mlp<B> {
-    /// Checks a file's bytes and its test vector.
+    /// Loads a policy: checks the file's bytes and its test vector.
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// Returns what is wrong with the file.
     pub fn load(file: B) -> Result<Self, LoadError> {
         let bytes = file.as_ref();
         let (preamble, body) = bytes
@@ -271,12 +272,12 @@ impl<B: AsRef<[u8]>> Mlp<B> {
         Ok(policy)
     }
 
-    /// What it was trained for and by what.
+    /// Returns the origin of the policy.
     pub fn provenance(&self) -> &Provenance {
         &self.header.provenance
     }
 
-    /// Sizes and scale.
+    /// Returns the header, with sizes and scale.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -285,7 +286,7 @@ impl<B: AsRef<[u8]>> Mlp<B> {
         &self.file.as_ref()[self.start..]
     }
 
-    /// The test vector: an observation and the outputs it must give.
+    /// Returns the test vector: an observation and the outputs that it must give.
     fn test_vector(&self) -> (&[u8], &[u8]) {
         let numbers = self.numbers();
         let outputs = 4 * self.header.outputs();
@@ -322,11 +323,11 @@ impl<B: AsRef<[u8]>> Mlp<B> {
         Ok(())
     }
 
-    /// Observation in, displacement (metres) and scores out, in the same buffer.
+    /// Computes displacement (metres) and scores from an observation, in the same buffer.
     fn run<'x>(&self, buffer: &'x mut [f32; WIDTH_MAX]) -> &'x [f32] {
         let numbers = self.numbers();
-        // Where the numbers lie on the boundaries of words they are read as such: two instructions
-        // less for each on a Cortex-M7. The results are the same.
+        // Numbers that are aligned to words are read as such: two instructions less for each on a
+        // Cortex-M7. The results are the same.
         match bytemuck::try_cast_slice::<u8, f32>(numbers) {
             Ok(numbers) if cfg!(target_endian = "little") => self.run_over(numbers, buffer),
             _ => self.run_over(numbers.as_chunks::<4>().0, buffer),
@@ -359,8 +360,8 @@ impl<B: AsRef<[u8]>> Mlp<B> {
         }
     }
 
-    /// Displacement (metres) and scores for a raw observation of `M + 4` numbers; what is missing
-    /// counts as 0.
+    /// Returns displacement (metres) and scores for a raw observation of `M + 4` numbers; missing
+    /// numbers count as 0.
     pub fn evaluate(&self, observation: &[f32]) -> Vec<f32, WIDTH_MAX> {
         let mut buffer = [0.0; WIDTH_MAX];
         for (x, &value) in buffer.iter_mut().zip(observation) {
@@ -389,7 +390,7 @@ fn floats(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
     words.iter().map(|&word| f32::from_le_bytes(word))
 }
 
-/// A number of a file, on a boundary of words or anywhere.
+/// A number of a file, aligned to a word or not.
 trait Number: Copy {
     fn value(self) -> f32;
 }
@@ -406,11 +407,11 @@ impl Number for [u8; 4] {
     }
 }
 
-/// Rows that are multiplied side by side: each input is read once for all of them, and their
-/// additions need not wait for one another.
+/// The number of rows that are multiplied together: each input is read once for all of them, and
+/// their additions do not depend on one another.
 const ROWS: usize = 8;
 
-/// `W x`, a row of `W` per output.
+/// Computes `W x`, with a row of `W` per output.
 fn multiply<N: Number>(weights: &[N], x: &[f32], outputs: &mut [f32]) {
     let (blocks, rest) = outputs.as_chunks_mut::<ROWS>();
     let (block_weights, rest_weights) = weights.split_at(blocks.len() * ROWS * x.len());

@@ -1,11 +1,12 @@
-//! Who decides where to fly and whom to serve.
+//! Policies decide where to fly and which user to serve.
 //!
-//! A [`Policy`] sees an [`Observation`] (the paper's state `s_n`, M + 4 numbers) and answers
-//! with an [`Action`]: a displacement and a score per user. It may be wrong in any way: the
+//! A [`Policy`] receives an [`Observation`] (the paper's state `s_n`, M + 4 numbers) and returns an
+//! [`Action`]: a displacement and a score per user. A policy may return anything: the
 //! [shield](crate::shield) makes every action admissible.
 //!
-//! Here are the two rule-based policies of the paper's comparisons, and trained ones: [`mlp`] runs
-//! anywhere, from a `.policy` file; `onnx` (a feature, needs std) runs `.onnx` files.
+//! This module has the two rule-based policies of the paper's comparisons, and trained ones:
+//! [`mlp`] runs on every platform, from a `.policy` file; `onnx` (a feature, needs std) runs
+//! `.onnx` files.
 
 pub mod mlp;
 #[cfg(feature = "onnx")]
@@ -21,29 +22,29 @@ use crate::scalar::{Displacement, Position, Scalar};
 pub use provenance::{PolicyMismatch, Provenance};
 pub use rules::{FixedPosition, StraightLine};
 
-/// What is known when slot `n` is planned: the state after slot `n - 1`.
+/// The state after slot `n - 1`, from which slot `n` is planned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation<'a, T: Scalar> {
-    /// `n`, the slot to plan, 1 to `N`. Implied by the counts where every slot serves a user.
+    /// `n`, the slot to plan, 1 to `N`. The counts imply it where every slot serves a user.
     pub slot: u32,
-    /// Slots that each user has been served so far.
+    /// The number of slots that each user was served in so far.
     pub counts: &'a [u32],
     /// `R_{n-1}`, bit/s/Hz; 0 before the first slot.
     pub rate: T,
     /// `MSE_{n-1}`; 0 before the first slot.
     pub mse: T,
-    /// `q_{n-1}`, where the vehicle is, metres.
+    /// `q_{n-1}`, the position of the vehicle, metres.
     pub position: Position<T>,
 }
 
 impl<T: Scalar> Observation<'_, T> {
-    /// Length of the paper's state for a number of users: `[counts; R; MSE; x, y]`.
+    /// Returns the length of the paper's state for a number of users: `[counts; R; MSE; x, y]`.
     pub const fn state_len(users: usize) -> usize {
         users + 4
     }
 
-    /// Writes the paper's state in raw units: counts, bit/s/Hz, MSE, metres. Writes as much as
-    /// fits and returns how many numbers the state has.
+    /// Writes the paper's state in raw units: counts, bit/s/Hz, MSE, metres. Writes as much as fits
+    /// and returns the length of the state.
     pub fn write_state(&self, state: &mut [T]) -> usize {
         let counts = self.counts.iter().map(|&count| T::count(count as usize));
         let rest = [self.rate, self.mse, self.position.x, self.position.y];
@@ -54,19 +55,19 @@ impl<T: Scalar> Observation<'_, T> {
     }
 }
 
-/// What a policy wishes, before the shield.
+/// The output of a policy, before the shield.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct Action<T: Scalar, const M: usize> {
-    /// Where to go from here, metres.
+    /// The displacement from the present position, metres.
     pub displacement: Displacement<T>,
     /// A score per user; the admissible user with the highest is served.
     pub user_scores: Vec<T, M>,
 }
 
-/// A way to decide.
+/// A rule that decides every slot of a mission.
 pub trait Policy<T: Scalar, const M: usize> {
-    /// The action for the slot that the observation names.
+    /// Returns the action for the slot that the observation names.
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M>;
 }
 

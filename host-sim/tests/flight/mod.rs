@@ -159,7 +159,7 @@ pub fn vehicle(profile: Profile) -> VehicleSettings {
 /// A flight that holds at the start, ready for legs.
 pub fn ready(
     profile: Profile,
-    change: impl FnOnce(&mut Settings<f64>, &mut VehicleSettings),
+    change: impl FnOnce(&mut AutopilotSettings<f64>, &mut VehicleSettings),
 ) -> Flight {
     let (mut settings, mut vehicle) = (settings(profile), vehicle(profile));
     change(&mut settings, &mut vehicle);

@@ -113,7 +113,7 @@ fn duplicates_and_late_frames_are_dropped_where_order_counts() {
             }
         }
     }
-    // 299 has the running number 43; 0 after it is a sender that started anew.
+    // 299 has the sequence number 43; 0 after it is a sender that started anew.
     assert_eq!(got, [0, 1, 3, 4, 299, 0, 1]);
     assert_eq!(decoder.counters().out_of_order, 3);
 }
