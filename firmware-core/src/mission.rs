@@ -57,11 +57,11 @@ pub struct MissionParameters<T: Scalar, const M: usize, const J: usize> {
     pub slots: u32,
     /// `delta`, the duration of a slot, seconds.
     pub slot_duration_s: T,
-    /// `q_o`, where the mission starts.
+    /// `q_o`, the start of the mission.
     pub start: Position<T>,
-    /// `q_f`, where it ends.
+    /// `q_f`, the destination of the mission.
     pub destination: Position<T>,
-    /// `Lambda`, which the vehicle never leaves.
+    /// `Lambda`, the area that the vehicle never leaves.
     pub area: Area<T>,
     /// `H`, metres.
     pub altitude_m: T,
@@ -81,14 +81,14 @@ pub struct MissionParameters<T: Scalar, const M: usize, const J: usize> {
     pub user_power_max: Watt<T>,
     /// `p_b^max`, the peak power of a sensor, watts: `|b_j|^2 <= p_b^max`.
     pub sensor_power_max: Watt<T>,
-    /// `u_m`, where the users are.
+    /// `u_m`, the positions of the users.
     pub users: Vec<Position<T>, M>,
-    /// `v_j`, where the sensors are.
+    /// `v_j`, the positions of the sensors.
     pub sensors: Vec<Position<T>, J>,
 }
 
-/// `A` and `B` of eq:plos; `A` doubles as the elevation (degrees) around which the
-/// probability of line of sight turns.
+/// `A` and `B` of eq:plos; `A` is also the elevation (degrees) around which the probability of
+/// line of sight changes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Environment<T> {
@@ -102,14 +102,13 @@ pub struct Environment<T> {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExcessLoss<T> {
-    /// With line of sight.
+    /// The loss with line of sight.
     pub los: T,
-    /// Without.
+    /// The loss without line of sight.
     pub nlos: T,
 }
 
-/// Which parameter an error is about. [`fmt::Display`] prints the name that the scenario file
-/// uses.
+/// The parameter that an error concerns. [`fmt::Display`] prints its name in the scenario file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(missing_docs)] // the names are the parameters'
 pub enum Parameter {
@@ -159,17 +158,17 @@ impl fmt::Display for Parameter {
     }
 }
 
-/// Why parameters do not make a mission. Every variant carries the value that was wrong.
+/// Error returned when the mission is invalid. Every variant carries the invalid value.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MissionError<T: fmt::Display> {
     /// A number is NaN, infinite or outside its range.
     #[error("{parameter} is {value}, but must be {expected}")]
     OutOfRange {
-        /// Which.
+        /// The parameter.
         parameter: Parameter,
         /// Its value.
         value: T,
-        /// What would be right, in words.
+        /// The valid values, as text.
         expected: &'static str,
     },
     /// A place is not finite or lies outside the area.
@@ -178,7 +177,7 @@ pub enum MissionError<T: fmt::Display> {
          [0, {area_east_m}] x [0, {area_north_m}] (metres)"
     )]
     OutsideArea {
-        /// Which.
+        /// The parameter.
         parameter: Parameter,
         /// East of the origin, metres.
         east_m: T,
@@ -189,10 +188,10 @@ pub enum MissionError<T: fmt::Display> {
         /// The area's extent to the north, metres.
         area_north_m: T,
     },
-    /// No user.
+    /// There are no users.
     #[error("users.positions_m is empty, but at least one user must be served")]
     NoUsers,
-    /// No sensor.
+    /// There are no sensors.
     #[error("sensors.positions_m is empty, but at least one sensor must be averaged")]
     NoSensors,
     /// `Gamma >= 1/J`: an estimate of constant zero would meet the threshold, so sensors would stay

@@ -1,13 +1,14 @@
-//! What is looked at before a flight, and said in words: parameters that clip the mission and
+//! Parameters of the vehicle that are read before a flight: those that limit the mission, and
 //! settings of the autopilot's own failsafes.
 //!
-//! Parameters are read by name, one after the other; one that does not exist is given up after
-//! a few attempts (ArduPilot answers nothing). What clips is reported *and* obeyed: the reference
-//! is planned within it, so that a clipped vehicle is slow, not lost.
+//! Parameters are read by name, one after the other; one that does not exist is given up after a
+//! few attempts (ArduPilot does not answer). A parameter that limits the mission is reported, and
+//! the reference is planned within its limit, so that the vehicle is slow but follows.
 //!
-//! Nothing is changed, unless [`AutopilotSettings::set_parameters`](super::AutopilotSettings::set_parameters) asks
-//! for it. Then what clips is set to what the mission needs, and put back after the flight, once
-//! the motors stand still: whoever flies the vehicle on flies it as it was.
+//! Nothing is changed, unless
+//! [`AutopilotSettings::set_parameters`](super::AutopilotSettings::set_parameters) is set. Then
+//! parameters that limit the mission are set to what it needs, and restored after the flight, once
+//! the motors stand still.
 
 use core::fmt;
 
@@ -22,33 +23,35 @@ use super::wire::Address;
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
-/// What a parameter has an effect on.
+/// The effect of a parameter.
 #[derive(Clone, Copy, Debug)]
 enum Effect {
-    /// Horizontal speed; the parameter's unit times this is one m/s.
+    /// Limits the horizontal speed; the parameter's unit times this is one m/s.
     Speed(f32),
-    /// Horizontal acceleration; the parameter's unit times this is one m/s^2.
+    /// Limits the horizontal acceleration; the parameter's unit times this is one m/s^2.
     Acceleration(f32),
-    /// Largest change of the horizontal acceleration; the parameter's unit times this is one m/s^3.
+    /// Limits the change of the horizontal acceleration; the parameter's unit times this is one
+    /// m/s^3.
     Jerk(f32),
-    /// Largest lean; the parameter's unit times this is one degree.
+    /// Limits the lean angle; the parameter's unit times this is one degree.
     Lean(f32),
-    /// Largest lean of the position controller alone, degrees; 0 for none of its own.
+    /// Limits the lean angle of the position controller alone, degrees; 0 where it has no limit of
+    /// its own.
     OwnLean,
-    /// Nothing by itself: the value is kept for the checks before take-off and for people.
+    /// No effect by itself: the value is kept for the checks before take-off and for display.
     Kept,
-    /// Something to know when the value is (or is not) the given one.
+    /// A note for the operator when the value meets a condition.
     Note {
         when: fn(f32) -> bool,
         words: &'static str,
     },
 }
 
-/// A parameter that is read.
+/// A parameter that is read, and its effect.
 #[derive(Clone, Copy, Debug)]
 struct Rule {
     name: &'static str,
-    /// Asked for only where this one does not exist (renamed between versions).
+    /// Requested only where this parameter does not exist (renamed between versions).
     instead_of: Option<&'static str>,
     effect: Effect,
 }
@@ -114,7 +117,7 @@ static ARDUCOPTER: [Rule; 18] = [
     rule("FENCE_ALT_MAX", Effect::Kept),
 ];
 
-// MPC_ACC_HOR and the jerk limits shape missions and flight by hand; OFFBOARD passes them by.
+// MPC_ACC_HOR and the jerk limits shape missions and manual flight; they do not apply to OFFBOARD.
 static PX4: [Rule; 11] = [
     rule("MPC_XY_VEL_MAX", Effect::Speed(1.0)),
     rule("MPC_XY_CRUISE", Effect::Speed(1.0)),
@@ -143,45 +146,45 @@ fn rules(firmware: Firmware) -> &'static [Rule] {
     }
 }
 
-/// Something that would slow the mission, or is good to know before it.
+/// A parameter that limits the mission, or that is good to know before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Finding {
-    /// A parameter that clips the mission.
+    /// A parameter that limits the mission.
     Clips {
-        /// Its name.
+        /// The name of the parameter.
         name: &'static str,
         /// Its value, in its own unit.
         value: f32,
         /// What the mission needs, in the same unit.
         needed: f32,
-        /// What it clips.
+        /// The quantity that it limits.
         what: &'static str,
     },
-    /// Anything else.
+    /// A note for the operator.
     Note(&'static str),
     /// A parameter that was expected could not be read.
     Unread(&'static str),
     /// A parameter that clipped the mission was set.
     Set {
-        /// Its name.
+        /// The name of the parameter.
         name: &'static str,
-        /// What it was, in its own unit.
+        /// The original value, in the parameter's own unit.
         from: f32,
-        /// What it is now.
+        /// The new value.
         to: f32,
     },
-    /// It was put back.
+    /// A parameter that was set has been restored.
     Restored {
-        /// Its name.
+        /// The name of the parameter.
         name: &'static str,
-        /// What it is again.
+        /// The restored value.
         value: f32,
     },
-    /// It could not be put back.
+    /// A parameter that was set could not be restored.
     NotRestored {
-        /// Its name.
+        /// The name of the parameter.
         name: &'static str,
-        /// What it was before the flight.
+        /// The value before the flight.
         value: f32,
     },
 }
@@ -206,45 +209,49 @@ impl fmt::Display for Finding {
     }
 }
 
-/// What the mission asks of the vehicle. Everything follows from its speed.
+/// What the mission requires of the vehicle. All values follow from its speed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Needs {
     pub(super) speed_mps: f32,
 }
 
 impl Needs {
-    /// A sixth above the mission's, so that the vehicle can catch up: 35 m/s at 30.
+    /// Returns the required speed, a sixth above the mission's, so that the vehicle can catch up:
+    /// 35 m/s at 30.
     fn speed_mps(&self) -> f32 {
         tenths(self.speed_mps * 7.0 / 6.0)
     }
 
-    /// From rest to the mission's speed in three seconds: 10 m/s^2 at 30 m/s.
+    /// Returns the required acceleration, from rest to the mission's speed in three seconds: 10
+    /// m/s^2 at 30 m/s.
     fn acceleration_mps2(&self) -> f32 {
         tenths(self.speed_mps / 3.0)
     }
 
-    /// From that acceleration to its opposite within a second: 20 m/s^3 at 30 m/s.
+    /// Returns the required jerk, from that acceleration to its opposite within a second: 20 m/s^3
+    /// at 30 m/s.
     fn jerk_mps3(&self) -> f32 {
         tenths(self.speed_mps / 1.5)
     }
 
-    /// A lean that holds this speed against the drag of an ordinary airframe and leaves some for
-    /// accelerating: 45 degrees at 30 m/s.
+    /// Returns a lean that holds this speed against the drag of an ordinary airframe and leaves
+    /// some for accelerating: 45 degrees at 30 m/s.
     fn lean_deg(&self) -> f32 {
         tenths((1.5 * self.speed_mps).clamp(20.0, 60.0))
     }
 }
 
-/// Rounded up to a tenth: these numbers are typed by people.
+/// Rounds up to a tenth, because these numbers are typed by people.
 fn tenths(value: f32) -> f32 {
     libm::ceilf(value * 10.0) / 10.0
 }
 
-/// Share of a parameter's limit that the reference uses, so that the vehicle can catch up.
+/// The fraction of a parameter's limit that the reference uses, so that the vehicle can catch up.
 const MARGIN: f64 = 0.95;
 
 impl Effect {
-    /// What the mission needs, in the parameter's unit, and what less would clip.
+    /// Returns what the mission needs, in the parameter's unit, and the quantity that a smaller
+    /// value would limit.
     fn needed(self, needs: &Needs) -> Option<(f32, &'static str)> {
         Some(match self {
             Self::Note { .. } | Self::Kept => return None,
@@ -289,19 +296,20 @@ impl Effect {
 /// A parameter that the checks read, for tables.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advice {
-    /// Its name.
+    /// The name of the parameter.
     pub name: &'static str,
-    /// The older name of the same thing, where it has one.
+    /// The older name of the parameter, where it has one.
     pub instead_of: Option<&'static str>,
-    /// What a mission needs of it, in its own unit, and what less would clip.
+    /// What a mission needs of it, in its own unit, and the quantity that a smaller value would
+    /// limit.
     pub needed: Option<(f32, &'static str)>,
-    /// Of its value, this is one m/s, m/s^2 or degree.
+    /// The value of the parameter that is one m/s, m/s^2 or degree.
     pub unit: Option<f32>,
-    /// What is said about it where it clips nothing.
+    /// The note about it, where it has one.
     pub words: Option<&'static str>,
 }
 
-/// Every parameter that is read before a mission of this speed, in the order of reading.
+/// Returns every parameter that is read before a mission of this speed, in the order of reading.
 pub fn advice(firmware: Firmware, speed_mps: f32) -> impl Iterator<Item = Advice> {
     rules(firmware).iter().map(move |rule| Advice {
         name: rule.name,
@@ -322,20 +330,22 @@ pub fn advice(firmware: Firmware, speed_mps: f32) -> impl Iterator<Item = Advice
     })
 }
 
-/// A parameter that is not as it was found, or is about to be changed: what it was, as it came.
+/// A parameter that differs from its original value, or is about to be changed, with the original
+/// value as received.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChangedParameter {
-    /// Its name.
+    /// The name of the parameter.
     pub name: &'static str,
-    /// What it was, as on the wire: PX4 sends the bytes of its integers, so only the bits count.
+    /// The original value, as on the wire: PX4 sends the bytes of its integers, so only the bits
+    /// count.
     pub was: f32,
-    /// Its type.
+    /// The type of the parameter.
     pub kind: MavParamType,
 }
 
 impl ChangedParameter {
-    /// One that an earlier run wrote down: its name, the bits of its value and the number of its
-    /// type. `None` if the client never changes a parameter of that name or type.
+    /// Creates the record that an earlier run saved: the name, the bits of the value and the number
+    /// of the type. Returns `None` if the client never changes a parameter of that name or type.
     pub fn noted(name: &str, was_bits: u32, kind: u8) -> Option<Self> {
         const KINDS: [MavParamType; 7] = [
             MavParamType::MAV_PARAM_TYPE_UINT8,
@@ -354,51 +364,54 @@ impl ChangedParameter {
         })
     }
 
-    /// What it was, as a number in its own unit.
+    /// Returns the original value as a number in its own unit.
     pub fn value(&self, firmware: Firmware) -> f32 {
         number(firmware, self.kind, self.was)
     }
 }
 
-/// The most parameters that can clip a mission; no autopilot here has more rules.
+/// The largest number of parameters that can limit a mission; no autopilot here has more rules.
 const CHANGES: usize = 9;
 
-/// The most parameters that are read; no autopilot here has more rules.
+/// The largest number of parameters that are read; no autopilot here has more rules.
 const VALUES: usize = 18;
 
-/// Reads one parameter after the other, sets those that clip if it may, and puts them back.
+/// Reads one parameter after the other, sets those that limit the mission if that is allowed, and
+/// restores them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ParameterManager {
     next: usize,
     attempts: u8,
     due: Instant,
-    /// The last parameter that was read, for the alternatives.
+    /// The last parameter that was read, for the alternative names.
     found: Option<&'static str>,
-    /// Of the rule that is next: what it was and what it is being set to.
+    /// The original and the new value of the parameter that is being set.
     setting: Option<(f32, f32)>,
-    /// What was read, in each parameter's own unit.
+    /// The values that were read, in each parameter's own unit.
     values: Vec<(&'static str, f32), VALUES>,
-    /// The lowest speed that a parameter left before any was set, m/s.
+    /// The lowest speed that a parameter allowed before any was set, m/s.
     found_mps: Option<f32>,
-    /// The parameter that leaves the lowest speed below the mission's, and what it should be.
+    /// The parameter with the lowest speed below the mission's, and the value that it should have.
     slowest: Option<(&'static str, f32)>,
-    /// What is not as it was found, oldest first; the last is put back first.
+    /// The parameters that differ from their original values, oldest first; the last is restored
+    /// first.
     changed: Vec<ChangedParameter, CHANGES>,
-    /// What is changed was changed by an earlier run, and is put back before anything is read.
+    /// The changed parameters were changed by an earlier run, and are restored before anything is
+    /// read.
     restores_first: bool,
 }
 
 const ANSWER_TIME: Duration = Duration::from_millis(600);
-/// On a link that loses a fifth of all frames, one question in 30,000 stays without an answer.
+/// On a link that loses a fifth of all frames, one request in 30,000 stays without an answer.
 const ATTEMPTS: u8 = 10;
 
 impl ParameterManager {
-    /// Everything was read (and set) or given up.
+    /// Returns whether everything was read (and set) or given up.
     pub(super) fn is_done(&self, firmware: Firmware) -> bool {
         !self.restores_first && self.next >= rules(firmware).len()
     }
 
-    /// Remembers what an earlier run changed: it is put back before anything is read.
+    /// Adds parameters that an earlier run changed; they are restored before anything is read.
     pub(super) fn restore_first(&mut self, changes: &[ChangedParameter]) {
         for change in changes {
             let known = self.changed.iter().any(|known| known.name == change.name);
@@ -408,47 +421,48 @@ impl ParameterManager {
         }
     }
 
-    /// Whether something is still to be put back before anything is read.
+    /// Returns whether something must still be restored before anything is read.
     pub(super) fn restores_first(&self) -> bool {
         self.restores_first
     }
 
-    /// What is not as it was found, oldest first.
+    /// Returns the parameters that differ from their original values, oldest first.
     pub(super) fn changed(&self) -> &[ChangedParameter] {
         &self.changed
     }
 
-    /// One of the changed parameters is no longer to be put back.
+    /// Removes the last of the changed parameters, which needs not be restored any more.
     fn settled(&mut self) -> Option<ChangedParameter> {
         let change = self.changed.pop();
         self.restores_first &= !self.changed.is_empty();
         change
     }
 
-    /// A parameter that was read.
+    /// Returns the value of a parameter that was read.
     pub(super) fn value(&self, name: &str) -> Option<f32> {
         self.values()
             .find(|(known, _)| *known == name)
             .map(|(_, value)| value)
     }
 
-    /// All that was read.
+    /// Returns all values that were read.
     pub(super) fn values(&self) -> impl Iterator<Item = (&'static str, f32)> + '_ {
         self.values.iter().copied()
     }
 
-    /// The parameter that leaves the lowest speed below what the mission needs, and what it
-    /// should be.
+    /// Returns the parameter with the lowest speed below what the mission needs, and the value that
+    /// it should have.
     pub(super) fn slowest(&self) -> Option<(&'static str, f32)> {
         self.slowest
     }
 
-    /// The lowest speed that a parameter left before any was set, m/s; `None` where none limits it.
+    /// Returns the lowest speed that a parameter allowed before any was set, m/s; `None` where none
+    /// limits it.
     pub(super) fn found_mps(&self) -> Option<f32> {
         self.found_mps
     }
 
-    /// Obeys and remembers what a parameter finally is.
+    /// Records the final value of a parameter and applies its limit.
     fn settle<T: Scalar>(
         &mut self,
         rule: &Rule,
@@ -456,7 +470,7 @@ impl ParameterManager {
         needs: &Needs,
         limits: &mut Limits<T>,
     ) {
-        // There are no more rules than places (a test holds it).
+        // There are no more rules than places (verified by a test).
         let _ = self.values.push((rule.name, value));
         let before = limits.speed_mps;
         rule.effect.clip(value, limits);
@@ -468,12 +482,12 @@ impl ParameterManager {
         }
     }
 
-    /// Nothing is changed that would have to be put back.
+    /// Returns whether nothing is left to be restored.
     pub(super) fn is_restored(&self) -> bool {
         self.changed.is_empty()
     }
 
-    /// The next of what is still changed, given up: in words.
+    /// Gives up restoring the next changed parameter and returns a finding about it.
     pub(super) fn give_up(&mut self, firmware: Firmware) -> Option<Finding> {
         let change = self.settled()?;
         Some(Finding::NotRestored {
@@ -489,7 +503,7 @@ impl ParameterManager {
         self.setting = None;
     }
 
-    /// The request that is due, if one is. Says what it gave up.
+    /// Returns the request that is due, if there is one, and reports parameters that were given up.
     pub(super) fn request<T: Scalar>(
         &mut self,
         now: Instant,
@@ -504,7 +518,7 @@ impl ParameterManager {
             let needless = rule.instead_of.is_some() && rule.instead_of == self.found;
             if needless || self.attempts >= ATTEMPTS {
                 match self.setting {
-                    // It stays as it was, and is obeyed.
+                    // The parameter keeps its value, and its limit applies.
                     Some((was, _)) => {
                         self.settle(rule, was, needs, limits);
                         rule.effect
@@ -537,8 +551,8 @@ impl ParameterManager {
         None
     }
 
-    /// Takes a value; other parameters than the one that was asked for are nobody's answer.
-    /// With `may_set`, one that clips is asked to be set next.
+    /// Processes a received value; values of parameters that were not requested are ignored. With
+    /// `may_set`, a parameter that limits the mission is set next.
     pub(super) fn take<T: Scalar>(
         &mut self,
         firmware: Firmware,
@@ -554,7 +568,7 @@ impl ParameterManager {
         self.found = Some(rule.name);
         let value = number(firmware, message.param_type, message.param_value);
         if let Some((from, wanted)) = self.setting {
-            // The old value again is an answer that came late, or a refusal: it is asked again.
+            // The old value again is a late answer, or a refusal: the request is repeated.
             let done = (value - wanted).abs() <= wanted.abs() * 1e-3;
             return done.then(|| {
                 self.conclude();
@@ -573,8 +587,8 @@ impl ParameterManager {
         let finding = rule.effect.judge(rule.name, value, needs);
         if let Some(Finding::Clips { needed, .. }) = finding
             && may_set
-            // What cannot be remembered is not changed. It counts as changed before it is:
-            // the answer can get lost.
+            // A parameter that cannot be recorded is not changed. It is recorded before it is
+            // changed, because the answer can be lost.
             && self.changed.push(ChangedParameter {
                 name: rule.name,
                 was: message.param_value,
@@ -591,7 +605,8 @@ impl ParameterManager {
         finding
     }
 
-    /// The next request that puts something back. Says what it gave up.
+    /// Returns the next request that restores a parameter, and reports parameters that were given
+    /// up.
     pub(super) fn restore(
         &mut self,
         now: Instant,
@@ -615,7 +630,7 @@ impl ParameterManager {
         None
     }
 
-    /// Takes a value while things are put back.
+    /// Processes a received value while parameters are restored.
     pub(super) fn take_restored(
         &mut self,
         firmware: Firmware,
@@ -650,7 +665,7 @@ fn set(to: Address, name: &'static str, raw: f32, kind: MavParamType) -> MavMess
     })
 }
 
-/// A number as a parameter's value on the wire: the other way round than [`number`].
+/// Encodes a number as a parameter's value on the wire: the inverse of [`number`].
 fn encode(firmware: Firmware, kind: MavParamType, value: f32) -> f32 {
     match kind {
         MavParamType::MAV_PARAM_TYPE_INT32 if firmware == Firmware::Px4 => {
@@ -660,7 +675,7 @@ fn encode(firmware: Firmware, kind: MavParamType, value: f32) -> f32 {
     }
 }
 
-/// A parameter's value: ArduPilot sends numbers, PX4 the bytes of its integers.
+/// Decodes a parameter's value: ArduPilot sends numbers, PX4 the bytes of its integers.
 fn number(firmware: Firmware, kind: MavParamType, raw: f32) -> f32 {
     match kind {
         MavParamType::MAV_PARAM_TYPE_INT32 if firmware == Firmware::Px4 => {

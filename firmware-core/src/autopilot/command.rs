@@ -1,8 +1,8 @@
-//! One command at a time: sent, acknowledged, repeated, given up.
+//! Acknowledged commands, one at a time: sent, repeated, given up.
 //!
-//! Each command is repeated with a rising `confirmation` until its COMMAND_ACK comes. What the
-//! acknowledgement means for the flight is judged elsewhere by the autopilot's *state* (mode,
-//! armed, altitude), since an autopilot may accept what it then does not do.
+//! Each command is repeated with a rising `confirmation` until its COMMAND_ACK is received. Whether
+//! the command had its effect is decided elsewhere from the autopilot's *state* (mode, armed,
+//! altitude), because an autopilot may accept a command and then not carry it out.
 
 use core::fmt;
 
@@ -17,7 +17,7 @@ use super::profile::{Firmware, Mode};
 use super::wire::{Address, ekf_status_report};
 use crate::time::{Duration, Instant};
 
-/// What can be asked of an autopilot.
+/// A command to an autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Request {
     /// Send a message at this interval from now on.
@@ -52,7 +52,7 @@ pub enum Request {
 }
 
 impl Request {
-    /// The command's name, for people and logs.
+    /// Returns the command's name for messages and logs.
     pub fn name(&self) -> &'static str {
         match self {
             Self::MessageInterval { .. } => "SET_MESSAGE_INTERVAL",
@@ -67,7 +67,7 @@ impl Request {
         }
     }
 
-    /// Whether it can move the vehicle or its motors.
+    /// Returns whether the command can move the vehicle or its motors.
     pub fn moves(&self) -> bool {
         !matches!(self, Self::MessageInterval { .. } | Self::Message { .. })
     }
@@ -85,7 +85,7 @@ impl Request {
         }
     }
 
-    /// Parameters 1 to 7. Unused ones are zero, never NaN: a NaN has crashed an autopilot.
+    /// Returns parameters 1 to 7. Unused ones are zero, never NaN: a NaN has crashed an autopilot.
     fn parameters(&self, firmware: Firmware) -> [f32; 7] {
         let mut p = [0.0; 7];
         match *self {
@@ -121,7 +121,7 @@ fn message_name(id: u32) -> Option<&'static str> {
     })
 }
 
-/// The command's name and, where it is about a message, the message's name.
+/// Writes the command's name and, where it concerns a message, the message's name.
 impl fmt::Display for Request {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())?;
@@ -137,7 +137,7 @@ impl fmt::Display for Request {
     }
 }
 
-/// How a command ended.
+/// The outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CommandOutcome {
     /// Accepted by the autopilot.
@@ -148,16 +148,16 @@ pub enum CommandOutcome {
     Unanswered,
 }
 
-/// How long to wait for answers and how often to ask.
+/// The time-outs and attempts of commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Patience {
-    /// Without an answer for this long a command is repeated.
+    /// The time without an answer after which a command is repeated.
     pub answer: Duration,
-    /// Pause before a command is repeated that was refused for now.
+    /// The pause before a command that was temporarily refused is repeated.
     pub pause: Duration,
-    /// After "in progress" the final answer may take this long.
+    /// The time that the final answer may take after "in progress".
     pub progress: Duration,
-    /// A command is sent at most this often.
+    /// The largest number of times that a command is sent.
     pub attempts: u8,
 }
 
@@ -172,24 +172,24 @@ impl Default for Patience {
     }
 }
 
-/// A command under way.
+/// A command that was not completed yet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pending {
     pub(super) request: Request,
     attempts: u8,
-    /// When it is sent next (again).
+    /// The time at which it is sent next.
     due: Instant,
     last_refusal: Option<MavResult>,
     in_progress: bool,
 }
 
-/// What came of looking at the clock.
+/// What is to be done with a pending command at a given time.
 pub(super) enum Turn {
     /// Nothing to do yet.
     Wait,
-    /// Send it; the number is `confirmation`.
+    /// Send it with this value of `confirmation`.
     Send(u8),
-    /// Attempts are used up.
+    /// All attempts were used.
     Over(CommandOutcome),
 }
 
@@ -253,7 +253,7 @@ impl Pending {
         }
     }
 
-    /// Takes an acknowledgement; `Some` when the command is over.
+    /// Processes an acknowledgement. Returns `Some` when the command is completed.
     pub(super) fn answer(
         &mut self,
         now: Instant,
@@ -272,13 +272,13 @@ impl Pending {
                 }
                 None
             }
-            // PX4's answer for a message whose interval it does not let anybody set.
+            // PX4's answer for a message whose interval cannot be set.
             MavResult::MAV_RESULT_FAILED
                 if matches!(self.request, Request::MessageInterval { .. }) =>
             {
                 Some(CommandOutcome::Refused(MavResult::MAV_RESULT_FAILED))
             }
-            // "Not now": checks that do not pass yet, a position that is not there yet.
+            // A temporary refusal: checks that do not pass yet, a position that is not known yet.
             refusal @ (MavResult::MAV_RESULT_TEMPORARILY_REJECTED
             | MavResult::MAV_RESULT_FAILED) => {
                 self.in_progress = false;
@@ -291,7 +291,7 @@ impl Pending {
     }
 }
 
-/// An answer in words.
+/// Returns the text of a result.
 pub(super) fn result_name(result: MavResult) -> &'static str {
     match result {
         MavResult::MAV_RESULT_ACCEPTED => "accepted",

@@ -1,30 +1,30 @@
 //! Where the vehicle should be *now*: trajectories between waypoints.
 //!
-//! Autopilots take a bare position as a place to stop at; flown at the mission's pace it lags
-//! by a hundred metres. So the client streams position, velocity and acceleration of a
-//! reference that moves. A [`Trajectory`] is a polynomial of degree five per axis, fixed by
-//! position, velocity and acceleration at both ends; the acceleration at its end is zero.
+//! Autopilots treat a bare position as a place to stop at; flown at the mission's speed the vehicle
+//! lags by a hundred metres. The client therefore streams position, velocity and acceleration of a
+//! moving reference. A [`Trajectory`] is a polynomial of degree five per axis, defined by position,
+//! velocity and acceleration at both ends; the acceleration at its end is zero.
 //!
-//! [`Guide`] strings them together:
+//! [`Guide`] connects trajectories:
 //!
-//! * a **leg** reaches its waypoint at the slot's end, passing through it with the mean
-//!   velocity of the leg. Where [`Limits`] do not allow that (from rest, round a sharp corner,
-//!   to a place that lies behind) the acceleration moves, linearly over the leg, to what chases
+//! * a **leg** reaches its waypoint at the slot's end, passing through it with the mean velocity of
+//!   the leg. Where [`Limits`] do not allow that (from rest, round a sharp corner, to a place
+//!   behind the vehicle) the acceleration changes, linearly over the leg, to the one that follows
 //!   the waypoints best: their own velocity, plus a correction no faster than can be braked.
-//! * a **transit** goes from rest to rest, in the least time the limits allow.
+//! * a **transit** goes from rest to rest, in the least time that the limits allow.
 //! * a **coast** follows a leg until the next one is known: the vehicle flies on with the leg's
 //!   final velocity while its position is measured and the next waypoint is decided.
-//! * a **stop** follows whatever was not continued: the last reference decelerates to rest.
-//!   A stream never ends with a velocity in it.
+//! * a **stop** follows a trajectory that was not continued: the reference decelerates to rest. A
+//!   stream never ends with a velocity in it.
 //!
-//! All times here are the vehicle's own.
+//! All times in this module are on the vehicle's clock.
 
 use nalgebra::Vector2;
 
 use crate::scalar::{Displacement, Position, Scalar};
 use crate::time::{Duration, Instant};
 
-/// What the vehicle can do. Infinite where the paper's kinematics are meant.
+/// The limits of the vehicle. Infinite for the paper's kinematics.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Limits<T> {
     /// Largest horizontal speed, m/s.
@@ -36,7 +36,7 @@ pub struct Limits<T> {
 }
 
 impl<T: Scalar> Limits<T> {
-    /// No limits but the mission's own: every waypoint is reached at the slot's end.
+    /// Returns no limits but the mission's own: every waypoint is reached at the slot's end.
     pub fn ideal() -> Self {
         let infinity = T::of(f64::INFINITY);
         Self {
@@ -46,12 +46,12 @@ impl<T: Scalar> Limits<T> {
         }
     }
 
-    /// Whether nothing but the mission limits the vehicle.
+    /// Returns whether only the mission limits the vehicle.
     pub fn is_ideal(&self) -> bool {
         !self.acceleration_mps2.finite()
     }
 
-    /// Whether each limit is above zero (infinity included).
+    /// Returns whether each limit is above zero (infinity included).
     pub fn is_valid(&self) -> bool {
         [self.speed_mps, self.acceleration_mps2, self.jerk_mps3]
             .iter()
@@ -71,7 +71,7 @@ pub struct Motion<T: Scalar> {
 }
 
 impl<T: Scalar> Motion<T> {
-    /// Standing still.
+    /// Returns the motion of a vehicle at rest.
     pub fn at_rest(position: Position<T>) -> Self {
         Self {
             position,
@@ -80,7 +80,7 @@ impl<T: Scalar> Motion<T> {
         }
     }
 
-    /// Where this leads in `seconds` if the acceleration fades to zero.
+    /// Returns the motion after `seconds` in which the acceleration fades to zero.
     fn faded(&self, seconds: T) -> Self {
         let gained = self.acceleration * (seconds * T::of(0.5));
         let moved = (self.velocity + self.acceleration * (seconds * T::of(1.0 / 3.0))) * seconds;
@@ -91,7 +91,7 @@ impl<T: Scalar> Motion<T> {
         }
     }
 
-    /// Every number is finite.
+    /// Returns whether every number is finite.
     pub fn is_finite(&self) -> bool {
         let finite = |v: &Vector2<T>| v.x.finite() && v.y.finite();
         finite(&self.position.coords) && finite(&self.velocity) && finite(&self.acceleration)
@@ -109,30 +109,34 @@ pub struct Trajectory<T: Scalar> {
     high: [Displacement<T>; 3],
 }
 
-/// Points of a trajectory at which limits are checked.
+/// The number of points of a trajectory at which limits are checked.
 const CHECKED: usize = 12;
-/// Halvings in the search for the largest fraction of the way that the limits allow: to 1/512.
+/// The number of halvings in the search for the largest fraction that the limits allow: to 1/512.
 const HALVINGS: usize = 9;
-/// How a waypoint is chased: the fraction of the waypoints' own velocity, the rest being what
-/// would reach the waypoint, and the fraction of what is left that is corrected within a slot.
+/// Weights for following a waypoint that cannot be passed through: the fraction of the waypoints'
+/// own velocity, the rest being the velocity that would reach the waypoint, and the fraction of the
+/// remaining distance that is corrected within a slot.
 ///
-/// Waypoints are planned anew from wherever the vehicle is. Across the way to them, velocity
-/// then follows `v_n = (PACE / 2) (v_{n-1} + v_{n-2}) - CORRECTION v_{n-1}`, and about a place
-/// to hover at, with the error `e`, `v_n = (1 - PACE + CORRECTION) e - CORRECTION v_{n-1}`:
-/// both die out by a factor of two or more a slot. (With 1 and 1 the first has the root -1 and
-/// swings for ever. Without any pace a fast vehicle overshoots a place to hover at again and again.)
-const PACE: f64 = 0.3;
+/// Every waypoint is planned from the vehicle's present position. Perpendicular to the direction of
+/// the waypoints, the velocity then satisfies `v_n = (FEEDFORWARD / 2) (v_{n-1} + v_{n-2}) -
+/// CORRECTION v_{n-1}`, and about a place to hover at, with the error `e`, `v_n = (1 - FEEDFORWARD
+/// + CORRECTION) e - CORRECTION v_{n-1}`: both decay by a factor of two or more a slot. (With 1 and
+/// 1 the first has the root -1 and oscillates for ever. Without feedforward a fast vehicle
+/// overshoots a place to hover at repeatedly.)
+const FEEDFORWARD: f64 = 0.3;
 const CORRECTION: f64 = 0.35;
-/// Times that are tried for a stop, and by what factor each is longer than the last.
+/// The number of durations that are tried for a stop, and the factor between them.
 const STOPS: usize = 20;
 const STOP_GROWTH: f64 = 1.04;
 
 impl<T: Scalar> Trajectory<T> {
-    /// From one motion to another in `span`. With a span of zero it is at `to` at once.
+    /// Creates a trajectory from one motion to another in `span`. With a span of zero it is at `to`
+    /// at once.
     pub fn new(start: Instant, span: Duration, from: Motion<T>, to: Motion<T>) -> Self {
         let t = T::of(span.as_secs_f64());
         let half = T::of(0.5);
-        // In units of the span: what a constant acceleration would leave open at the end.
+        // In units of the span: the differences that a constant acceleration would leave at the
+        // end.
         let (v0, a0) = (from.velocity * t, from.acceleration * (t * t));
         let (v1, a1) = (to.velocity * t, to.acceleration * (t * t));
         let p = to.position - from.position - v0 - a0 * half;
@@ -153,23 +157,23 @@ impl<T: Scalar> Trajectory<T> {
         }
     }
 
-    /// Rests at a place.
+    /// Creates a trajectory that rests at a place.
     pub fn rest(now: Instant, position: Position<T>) -> Self {
         let still = Motion::at_rest(position);
         Self::new(now, Duration::ZERO, still, still)
     }
 
-    /// When it ends.
+    /// Returns when it ends.
     pub fn end(&self) -> Instant {
         self.start + self.span
     }
 
-    /// How it ends.
+    /// Returns the motion at its end.
     pub fn target(&self) -> Motion<T> {
         self.to
     }
 
-    /// The motion at `now`; exactly [`Trajectory::target`] from its end on.
+    /// Returns the motion at `now`; exactly [`Trajectory::target`] from its end on.
     pub fn at(&self, now: Instant) -> Motion<T> {
         if now >= self.end() {
             return self.to;
@@ -202,8 +206,8 @@ impl<T: Scalar> Trajectory<T> {
         (c3 * of(6.0) + (c4 * of(24.0) + c5 * (of(60.0) * s)) * s) / (span * span * span)
     }
 
-    /// By what factor it exceeds the limits, at worst; 1 or less where it keeps them. What is
-    /// already exceeded at its start does not count against it.
+    /// Returns the largest factor by which it exceeds the limits; 1 or less where it keeps them. A
+    /// limit that is already exceeded at its start is replaced by the value there.
     fn limit_ratio(&self, limits: &Limits<T>) -> T {
         let span = T::of(self.span.as_secs_f64());
         let speed = limits.speed_mps.max(self.from.velocity.norm());
@@ -220,9 +224,9 @@ impl<T: Scalar> Trajectory<T> {
         worst
     }
 
-    /// From `from` to `waypoint` at `end`, passing through it with the leg's mean velocity if
-    /// `limits` allow it, chasing it if not. `pace` is the velocity of the waypoints
-    /// themselves, from one slot to the next.
+    /// Creates a leg from `from` to `waypoint` at `end`, which passes through the waypoint with the
+    /// leg's mean velocity if `limits` allow it, and follows it if not. `feedforward` is the
+    /// velocity of the waypoints themselves, from one slot to the next.
     ///
     /// Worst case: 11 candidates of 26 points.
     pub fn leg(
@@ -230,7 +234,7 @@ impl<T: Scalar> Trajectory<T> {
         end: Instant,
         from: Motion<T>,
         waypoint: Position<T>,
-        pace: Displacement<T>,
+        feedforward: Displacement<T>,
         limits: &Limits<T>,
     ) -> Self {
         let span = end - now;
@@ -250,36 +254,39 @@ impl<T: Scalar> Trajectory<T> {
         if t <= T::zero() || through.limit_ratio(limits) <= T::one() {
             return through;
         }
-        Self::chase(now, span, from, waypoint, pace, limits)
+        Self::chase(now, span, from, waypoint, feedforward, limits)
     }
 
-    /// The acceleration moves linearly to a final one, which is held within what the limits
-    /// allow; between letting go (a final acceleration of zero) and what is wanted, the largest
-    /// fraction that keeps them.
+    /// Creates a leg that follows a waypoint which it cannot pass through. The acceleration changes
+    /// linearly to a final one that the limits allow: the largest fraction, between a final
+    /// acceleration of zero and the wanted one, that keeps them.
     fn chase(
         now: Instant,
         span: Duration,
         from: Motion<T>,
         waypoint: Position<T>,
-        pace: Displacement<T>,
+        feedforward: Displacement<T>,
         limits: &Limits<T>,
     ) -> Self {
         let t = T::of(span.as_secs_f64());
         let (half, third) = (T::of(0.5), T::of(1.0 / 3.0));
-        // Where letting go would lead.
+        // The position that a final acceleration of zero would lead to.
         let coast_position = from.position + (from.velocity + from.acceleration * (t * third)) * t;
         // Beside the waypoints' own velocity, no more than can be braked with half of the
-        // acceleration over what is left.
+        // acceleration over the remaining distance.
         let left = waypoint - coast_position;
         let brakable = (limits.acceleration_mps2 * left.norm()).sqrt();
-        let behind = (waypoint - from.position) / t - pace;
-        let correction = behind * T::of(1.0 - PACE) + left * (T::of(CORRECTION) / t);
-        let velocity = shorten(pace + shorten(correction, brakable), limits.speed_mps);
+        let behind = (waypoint - from.position) / t - feedforward;
+        let correction = behind * T::of(1.0 - FEEDFORWARD) + left * (T::of(CORRECTION) / t);
+        let velocity = shorten(
+            feedforward + shorten(correction, brakable),
+            limits.speed_mps,
+        );
         let change = (velocity - from.velocity) / t;
         let wanted = shorten(change, limits.acceleration_mps2);
         let let_go = from.acceleration * half;
-        // A fraction of zero lets go: the acceleration fades linearly. Otherwise it is a parabola
-        // over the leg, with the mean that is wanted, and ends with what is still to be changed.
+        // With a fraction of zero the acceleration fades linearly. Otherwise it is a parabola over
+        // the leg, with the wanted mean, and ends with what is still to be changed.
         let toward = |fraction: T| {
             let mean = let_go + (wanted - let_go) * fraction;
             let acceleration = shorten(change - mean, limits.acceleration_mps2) * fraction;
@@ -301,8 +308,8 @@ impl<T: Scalar> Trajectory<T> {
         if limit_ratio <= T::one() {
             return all;
         }
-        // Everything is linear in the fraction and the limits are convex, so the fractions that keep
-        // them are those up to a largest one.
+        // Everything is linear in the fraction and the limits are convex, so the fractions that
+        // keep them are those up to a largest one.
         let (mut kept, mut broken) = (T::zero(), T::one());
         for _ in 0..HALVINGS {
             let middle = (kept + broken) * half;
@@ -315,7 +322,7 @@ impl<T: Scalar> Trajectory<T> {
         toward(kept).0
     }
 
-    /// How long a [`transit`](Self::transit) from rest is that reaches `speed_mps`, m.
+    /// Returns the length of a [`transit`](Self::transit) from rest that reaches `speed_mps`, m.
     pub fn run_up_m(speed_mps: T, limits: &Limits<T>) -> T {
         let speed_mps = speed_mps.min(limits.speed_mps);
         let square = speed_mps * speed_mps;
@@ -324,8 +331,8 @@ impl<T: Scalar> Trajectory<T> {
         by_acceleration.max(by_jerk)
     }
 
-    /// Straight to `place`, ending at rest, in the least time for which a start from rest
-    /// keeps the limits.
+    /// Creates a straight trajectory to `place` that ends at rest, in the least time for which a
+    /// start from rest keeps the limits.
     pub fn transit(now: Instant, from: Motion<T>, place: Position<T>, limits: &Limits<T>) -> Self {
         let distance = (place - from.position).norm().to_f64();
         // Peaks of a rest-to-rest polynomial of degree five over unit distance and time.
@@ -342,10 +349,10 @@ impl<T: Scalar> Trajectory<T> {
         )
     }
 
-    /// To rest, wherever that is, in the least time for which the limits are kept. An acceleration
-    /// that has to fade first takes time in which speed still grows; where no time keeps all
-    /// limits, the one that exceeds them least: by 3 % at most if the speed stays within them
-    /// while the acceleration fades within a second, as legs of a second see to.
+    /// Creates a trajectory to rest, at any place, in the least time for which the limits are kept.
+    /// While an acceleration fades first, the speed still grows; where no time keeps all limits,
+    /// the one that exceeds them least is used: by 3 % at most if the speed stays within them while
+    /// the acceleration fades within a second, which legs of a second ensure.
     ///
     /// Worst case: 20 candidates of 13 points.
     pub fn stop(now: Instant, from: Motion<T>, limits: &Limits<T>) -> Self {
@@ -374,7 +381,7 @@ impl<T: Scalar> Trajectory<T> {
         best
     }
 
-    /// Goes on as `from` says for `span`, while the acceleration fades to zero.
+    /// Creates a trajectory that continues `from` for `span`, while the acceleration fades to zero.
     fn coast(now: Instant, from: Motion<T>, span: Duration) -> Self {
         let to = from.faded(T::of(span.as_secs_f64()));
         Self::new(now, span, from, to)
@@ -394,22 +401,23 @@ impl<T: Scalar> Trajectory<T> {
     }
 }
 
-/// The reference over time: one trajectory after another, a coast after a leg, and a stop after
-/// what was not continued.
+/// The reference over time: one trajectory after another, with a coast after a leg, and a stop
+/// after a trajectory that was not continued.
 #[derive(Clone, Copy, Debug)]
 pub struct Guide<T: Scalar> {
     limits: Limits<T>,
     current: Trajectory<T>,
-    /// When the present coast began, if this is one.
+    /// The start of the present coast, if there is one.
     coasting: Option<Instant>,
-    /// The waypoint of the last leg and when it was due; the place of rest before the first.
+    /// The waypoint of the last leg and the time at which it was due; the place of rest before the
+    /// first.
     last: (Position<T>, Instant),
-    /// How long a coast may last before the stop begins.
+    /// The longest time of a coast before the stop begins.
     grace: Duration,
 }
 
 impl<T: Scalar> Guide<T> {
-    /// Rests at a place.
+    /// Creates a reference that rests at a place.
     pub fn new(now: Instant, place: Position<T>, limits: Limits<T>, grace: Duration) -> Self {
         Self {
             limits,
@@ -425,12 +433,12 @@ impl<T: Scalar> Guide<T> {
         self.limits = limits;
     }
 
-    /// What the vehicle can do.
+    /// Returns the limits of the vehicle.
     pub fn limits(&self) -> &Limits<T> {
         &self.limits
     }
 
-    /// The reference at `now`.
+    /// Returns the reference at `now`.
     pub fn at(&mut self, now: Instant) -> Motion<T> {
         let end = self.current.end();
         let target = self.current.target();
@@ -456,18 +464,18 @@ impl<T: Scalar> Guide<T> {
         self.coasting = None;
     }
 
-    /// When the present trajectory ends.
+    /// Returns when the present trajectory ends.
     pub fn end(&self) -> Instant {
         self.current.end()
     }
 
-    /// Where and how the present trajectory ends.
+    /// Returns the motion at the end of the present trajectory.
     pub fn target(&self) -> Motion<T> {
         self.current.target()
     }
 
-    /// Starts a leg. The reference goes on from where it is if the vehicle, which is at `measured`
-    /// now, keeps up with it within `tolerance_m`; from the vehicle itself if not.
+    /// Starts a leg. The reference continues from where it is if the vehicle, which is at
+    /// `measured` now, is within `tolerance_m` of it; otherwise it starts from the vehicle itself.
     pub fn fly_leg(
         &mut self,
         now: Instant,
@@ -485,25 +493,28 @@ impl<T: Scalar> Guide<T> {
         };
         let (last, due) = self.last;
         let between_s = T::of(end.duration_since(due).as_secs_f64());
-        let pace = if between_s > T::zero() {
+        let feedforward = if between_s > T::zero() {
             (waypoint - last) / between_s
         } else {
             Vector2::zeros()
         };
-        // A waypoint that was never reached says little about where waypoints go: what leads to
-        // the next one is enough.
+        // A waypoint that was never reached says little about the motion of the waypoints: the
+        // velocity that leads to the next one is sufficient.
         let leg_s = T::of(end.duration_since(now).as_secs_f64());
-        let pace = if leg_s > T::zero() {
-            shorten(pace, (waypoint - from.position).norm() * T::of(2.0) / leg_s)
+        let feedforward = if leg_s > T::zero() {
+            shorten(
+                feedforward,
+                (waypoint - from.position).norm() * T::of(2.0) / leg_s,
+            )
         } else {
-            pace
+            feedforward
         };
         self.last = (waypoint, end);
-        let leg = Trajectory::leg(now, end, from, waypoint, pace, &self.limits);
+        let leg = Trajectory::leg(now, end, from, waypoint, feedforward, &self.limits);
         self.replace(leg);
     }
 
-    /// Starts a transit from where the reference is.
+    /// Starts a transit from the present reference.
     pub fn transit(&mut self, now: Instant, place: Position<T>, speed_mps: T) {
         let limits = Limits {
             speed_mps: self.limits.speed_mps.min(speed_mps),
@@ -514,14 +525,14 @@ impl<T: Scalar> Guide<T> {
         self.last = (place, self.current.end());
     }
 
-    /// Comes to rest.
+    /// Brings the reference to rest.
     pub fn stop(&mut self, now: Instant) {
         let stop = Trajectory::stop(now, self.at(now), &self.limits);
         self.replace(stop);
     }
 }
 
-/// `vector`, no longer than `longest`.
+/// Returns `vector`, shortened to at most `longest`.
 fn shorten<T: Scalar>(vector: Displacement<T>, longest: T) -> Displacement<T> {
     let length = vector.norm();
     if length > longest {

@@ -1,7 +1,8 @@
 //! The MAVLink client: flies the waypoints of the controller with a real autopilot.
 //!
-//! A state machine without I/O. The caller passes what came ([`Autopilot::receive`]) and the
-//! time, asks for what is to be sent ([`Autopilot::poll`], until `None`), and sends it:
+//! The client is a state machine without I/O. The caller passes received messages
+//! ([`Autopilot::receive`]) and the time, asks for the messages to send ([`Autopilot::poll`], until
+//! `None`), and sends them:
 //!
 //! ```text
 //!            bytes                 messages              poll: messages          bytes
@@ -14,25 +15,27 @@
 //!
 //! # Terms
 //!
-//! * **phase**: where in a flight we are ([`Phase`]), from the first heartbeat to the landing.
+//! * **phase**: the part of a flight that the client is in ([`Phase`]), from the first heartbeat to
+//!   the landing.
 //! * **leg**: the flight of one slot, to a waypoint that is due at the slot's end.
 //! * **reference**: where the vehicle should be *now*; streamed as setpoints ([`guidance`]).
 //! * **sample**: a measured position ([`Sample`]) with the time at which it was taken.
-//! * **vehicle time**: the clock of the autopilot, which its samples are stamped with
-//!   ([`clock`]). Legs, and so slots, begin and end in it. Time-outs run in ours.
-//! * **tick**: the end of a leg. Where the vehicle was at a tick is interpolated between the
-//!   samples around it; where the next sample is late, extrapolated from the last. No message,
-//!   early, late or lost, moves a tick.
-//! * **control**: we have it while the autopilot is in the mode that follows setpoints and we
-//!   set that mode ourselves. Lost control is never taken back.
+//! * **vehicle time**: the clock of the autopilot, with which its samples are stamped ([`clock`]).
+//!   Legs, and so slots, begin and end in it. Time-outs run on our own clock.
+//! * **tick**: the end of a leg. The position at a tick is interpolated between the samples around
+//!   it, or extrapolated from the last sample where the next one is late. No message, early, late
+//!   or lost, moves a tick.
+//! * **control**: the client has control while the autopilot is in the mode that follows setpoints
+//!   and the client set that mode itself. Lost control is never taken back.
 //!
-//! # Rooms
+//! # Modules
 //!
 //! [`wire`] bytes and messages · [`frames`] map and north-east-down · [`profile`] differences
-//! between autopilots · [`guidance`] trajectories · `command` acknowledged commands ·
-//! `telemetry` what the vehicle last said · `state_machine` the phases · [`failsafe`] what can go
-//! wrong · `checks` what is looked at before a flight · [`mission`] upload of a whole mission ·
-//! [`preflight`] what refuses a start · `trial` what speed the airframe reaches.
+//! between autopilots · [`guidance`] trajectories · `command` acknowledged commands · `telemetry`
+//! the latest state of the vehicle · `state_machine` the phases · `rx` received messages · `tx`
+//! messages to send · [`failsafe`] causes and reactions · `checks` parameters that are read and set
+//! before a flight · [`mission`] upload of a whole mission · [`preflight`] reasons to refuse a
+//! start · `trial` measurement of the airframe's speed
 
 mod checks;
 pub mod clock;
@@ -76,45 +79,47 @@ use profile::{Firmware, Mode};
 use telemetry::Telemetry;
 use wire::Address;
 
-/// Where in a flight the client is.
+/// The phase of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Phase {
     /// No autopilot has been heard yet.
     Connecting,
-    /// Waits for a position estimate and the autopilot's own pre-arm checks.
+    /// The client waits for a position estimate and the autopilot's own pre-arm checks.
     Checking,
-    /// All checks passed; waits for [`Autopilot::launch`].
+    /// All checks passed; the client waits for [`Autopilot::launch`].
     Standby,
-    /// Asks for the mode that follows setpoints.
+    /// The client requests the mode that follows setpoints.
     TakingControl,
-    /// Asks for motors.
+    /// The client requests that the motors are armed.
     Arming,
-    /// Rises to the mission's altitude.
+    /// The vehicle climbs to the mission's altitude.
     TakingOff,
-    /// Flies to the mission's start.
+    /// The vehicle flies to the mission's start.
     Transit,
-    /// Flies towards the destination and back, to show what speed the airframe reaches.
+    /// The vehicle flies towards the destination and back, to measure what speed the airframe
+    /// reaches.
     Trial,
-    /// Holds at the start; legs may come.
+    /// The vehicle holds at the start; the client accepts legs.
     Ready,
-    /// Flies a leg.
+    /// The vehicle flies a leg.
     Leg,
-    /// A leg has ended; the next may come.
+    /// A leg has ended; the client accepts the next one.
     LegEnded,
-    /// Lands.
+    /// The vehicle lands.
     Landing,
-    /// Stops the motors after a start that was broken off on the ground.
+    /// The motors are stopped after a start that was aborted on the ground.
     Disarming,
-    /// On the ground, motors off: the end of a flight.
+    /// The vehicle is on the ground with motors off: the end of a flight.
     Landed,
-    /// Somebody else flies. Nothing is sent any more that moves the vehicle.
+    /// The pilot or the autopilot itself has taken control. Nothing is sent any more that moves the
+    /// vehicle.
     Released,
-    /// Nothing more can be done.
+    /// The flight has failed; nothing more can be done.
     Failed,
 }
 
 impl Phase {
-    /// The vehicle is in the air and follows our setpoints.
+    /// Returns whether the vehicle is in the air and follows our setpoints.
     pub fn is_flying(self) -> bool {
         matches!(
             self,
@@ -122,7 +127,7 @@ impl Phase {
         )
     }
 
-    /// Nothing will change any more.
+    /// Returns whether the phase is final.
     pub fn is_final(self) -> bool {
         matches!(self, Self::Landed | Self::Released | Self::Failed)
     }
@@ -151,18 +156,18 @@ impl fmt::Display for Phase {
     }
 }
 
-/// What the checks wait for.
+/// A condition that the checks wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Obstacle {
     /// No position sample yet.
     NoPosition,
     /// The estimator has no absolute position yet.
     NoEstimate,
-    /// The autopilot has not said where its local frame begins.
+    /// The autopilot has not reported the origin of its local frame.
     NoOrigin,
-    /// The autopilot's pre-arm checks do not pass; its texts say why.
+    /// The autopilot's pre-arm checks do not pass; its texts give the reason.
     PreArm,
-    /// The vehicle is already armed, by somebody else.
+    /// The vehicle is already armed, but not by this client.
     AlreadyArmed,
 }
 
@@ -178,40 +183,41 @@ impl fmt::Display for Obstacle {
     }
 }
 
-/// One slot's flight.
+/// The flight of one slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leg<T: Scalar> {
-    /// Where to be at the end, m.
+    /// The place to be at by the end, m.
     pub waypoint: Position<T>,
     /// The slot's end, in vehicle time.
     pub end: Instant,
 }
 
-/// How a leg ended.
+/// The end of a leg.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LegEnd<T: Scalar> {
-    /// Where the vehicle was at the tick.
+    /// The state of the vehicle at the tick.
     pub sample: Sample<T>,
-    /// From there to the waypoint, m.
+    /// The distance from there to the waypoint, m.
     pub missed_m: T,
-    /// When and how that became known.
+    /// The time of the end, and how it was determined.
     pub tick: Tick,
 }
 
-/// The end of a slot, as the vehicle's clock has it.
+/// The end of a slot, on the vehicle's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tick {
-    /// When, on the vehicle's clock.
+    /// The time, on the vehicle's clock.
     pub time: Instant,
-    /// How much later the position was known, in vehicle time.
+    /// How much later the position became known, in vehicle time.
     pub lateness: Duration,
-    /// No sample came in time: the position is extrapolated from the last one with its velocity.
+    /// No sample was received in time: the position is extrapolated from the last one with its
+    /// velocity.
     pub extrapolated: bool,
-    /// Seconds of the vehicle's clock per second of ours, as estimated.
+    /// The estimated rate of the vehicle's clock, in its seconds per second of ours.
     pub clock_rate: f32,
 }
 
-/// Why a leg is not flown.
+/// Error returned when a leg cannot be flown.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum LegError {
     /// The vehicle is not ready for legs.
@@ -228,41 +234,41 @@ pub enum LegError {
         /// North, m.
         y: f64,
     },
-    /// Nothing is known yet of the vehicle's clock.
+    /// The vehicle's clock is not known yet.
     #[error("the vehicle's clock is not known")]
     NoClock,
 }
 
-/// The leg under way.
+/// The present leg.
 #[derive(Clone, Copy, Debug)]
 struct ActiveLeg<T: Scalar> {
     waypoint: Position<T>,
     end: Instant,
     from: Position<T>,
-    /// How the reference ends; `None` where the leg came too late to be flown.
+    /// The state of the reference at its end; `None` where the leg came too late to be flown.
     reference_end: Option<Motion<T>>,
-    /// The setpoint of the leg's end has been sent.
+    /// The setpoint of the leg's end was sent.
     final_sent: bool,
-    /// It was echoed; in the autopilot's time, as MAVLink counts it.
+    /// The time at which it was echoed, on the autopilot's clock as MAVLink counts it.
     confirmed: Option<u32>,
     ended: Option<LegEnd<T>>,
 }
 
-/// The fraction of the mission's speed that the reference of a leg has at most: a vehicle that is
-/// behind catches up by getting nearer, not by flying further in a slot than it may.
+/// The largest fraction of the mission's speed that the reference of a leg has: a vehicle that is
+/// behind catches up by getting closer to it, not by flying further in a slot than allowed.
 const LEG_SPEED: f64 = 0.985;
 
-/// Setpoint timing and the last one sent.
+/// The state of the setpoint stream: timing and the last setpoint sent.
 #[derive(Clone, Copy, Debug)]
 struct Stream<T: Scalar> {
     guide: Guide<T>,
     due: Instant,
     last: Motion<T>,
-    /// Where a climb by setpoints began: time and altitude.
+    /// Time and altitude at the start of a climb by setpoints.
     climb: Option<(Instant, T)>,
 }
 
-/// The client. About 8 kB; see the module's documentation.
+/// The MAVLink client. About 8 kB; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Autopilot<T: Scalar> {
     settings: AutopilotSettings<T>,
@@ -273,57 +279,60 @@ pub struct Autopilot<T: Scalar> {
     telemetry: Telemetry<T>,
     heartbeat_due: Instant,
     pending: Option<Pending>,
-    /// Next step within [`Phase::Checking`]: telemetry that is still to be asked for.
+    /// The next step within [`Phase::Checking`]: the telemetry to request next.
     subscribed: u8,
     /// Telemetry that the autopilot refused for good: one bit for each step.
     refused_telemetry: u8,
-    /// When the last of it was asked for.
+    /// The time of the last such request.
     subscribed_at: Instant,
     obstacle: Option<Obstacle>,
     parameter_manager: ParameterManager,
-    /// What the vehicle can do: the settings' limits within the parameters'.
+    /// The limits of the vehicle: the settings' limits within those of the parameters.
     limits: Limits<T>,
-    /// What the airframe reaches, as it is known or as the trial leg has shown, m/s.
+    /// The speed that the airframe reaches, as configured or as measured by the trial leg, m/s.
     airframe_mps: Option<T>,
     trial: Option<trial::Trial<T>>,
-    /// What the vehicle's parameters leave.
+    /// The limits that the vehicle's parameters impose.
     parameter_limits: Limits<T>,
-    /// When the origin of the local frame is asked for next.
+    /// The time at which the origin of the local frame is requested next.
     origin_due: Instant,
     launch: bool,
-    /// The present phase's command: since when, and whether it was accepted.
+    /// The command of the present phase: the time of the request, and whether it was accepted.
     asked: Option<(Instant, bool)>,
     /// The vehicle has been in the air.
     flown: bool,
-    /// Height of the place of take-off over the origin of the autopilot's local frame, which may
-    /// lie elsewhere: where the estimator started, for one.
+    /// The height of the place of take-off above the origin of the autopilot's local frame, which
+    /// may be elsewhere, for example where the estimator started.
     ground_m: T,
-    /// The mode we set and that a heartbeat has shown.
+    /// The mode that we set and that a heartbeat has confirmed.
     holds: Option<Mode>,
-    /// Modes that are ours while landing.
+    /// The command that started the landing.
     landing_by: Option<Request>,
     stream: Option<Stream<T>>,
-    /// By how much the vehicle follows the reference late, s; negative where it is early. Learned
-    /// from tick to tick, and flown ahead by.
+    /// The time by which the vehicle follows the reference late, s; negative where it is early. It
+    /// is estimated from tick to tick, and the reference is moved ahead by it.
     lag_s: T,
-    /// The last leg neither gathered nor lost speed.
+    /// The last leg neither gained nor lost speed.
     cruised: bool,
     leg: Option<ActiveLeg<T>>,
     ignored_legs: u8,
     ground_heard: Option<Instant>,
     fault: Option<Cause>,
-    /// Why the start was refused.
+    /// The reason why the start was refused.
     refusal: Option<PreflightRefusal>,
-    /// How far outside the geofence the vehicle stood before take-off, m.
+    /// The distance of the vehicle to the geofence before take-off where it stood outside, m.
     stood_outside_m: T,
     silent: bool,
-    /// Parameters are put back whatever the motors do.
+    /// Parameters are restored even if the motors turn.
     restore_now: bool,
     events: Events,
 }
 
 impl<T: Scalar> Autopilot<T> {
-    /// A client that has heard nothing yet.
+    /// Creates a client that has received nothing.
+    ///
+    /// # Errors
+    /// Returns an error if a setting is invalid.
     pub fn new(settings: AutopilotSettings<T>) -> Result<Self, SettingsError> {
         settings.check()?;
         let mut client = Self {
@@ -368,69 +377,71 @@ impl<T: Scalar> Autopilot<T> {
         Ok(client)
     }
 
-    /// What it was told.
+    /// Returns the settings.
     pub fn settings(&self) -> &AutopilotSettings<T> {
         &self.settings
     }
 
-    /// Where in the flight we are.
+    /// Returns the phase of the flight.
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// What went wrong, if anything did: the first cause.
+    /// Returns the first failure of the flight, if there was one.
     pub fn fault(&self) -> Option<Cause> {
         self.fault
     }
 
-    /// Why the start was refused, if it was: the phase is then [`Phase::Failed`].
+    /// Returns why the start was refused, if it was: the phase is then [`Phase::Failed`].
     pub fn refusal(&self) -> Option<PreflightRefusal> {
         self.refusal
     }
 
-    /// What the checks wait for.
+    /// Returns the condition that the checks wait for.
     pub fn obstacle(&self) -> Option<Obstacle> {
         self.obstacle
     }
 
-    /// The autopilot that is flown: its address and software.
+    /// Returns the address and software of the autopilot that is flown.
     pub fn vehicle(&self) -> Option<(Address, Firmware)> {
         self.vehicle
     }
 
-    /// The address that our frames carry: under the system id of the autopilot that is flown, or 1
-    /// while none has been heard, unless the settings name another.
+    /// Returns the address that our frames carry. Its system id is that of the autopilot that is
+    /// flown, or 1 while none has been heard, unless the settings contain another.
     pub fn own(&self) -> Address {
         let vehicle = self.vehicle.map(|(address, _)| address.system);
         self.settings.own.resolve(vehicle)
     }
 
-    /// The latest measured position.
+    /// Returns the latest measured position.
     pub fn position(&self) -> Option<Sample<T>> {
         self.telemetry.sample
     }
 
-    /// The vehicle's clock at `now`; `None` before the first sample. Legs are given in it.
+    /// Returns the vehicle's clock at `now`, or `None` before the first sample. The times of legs
+    /// are on this clock.
     pub fn vehicle_time(&self, now: Instant) -> Option<Instant> {
         self.telemetry.clock.vehicle_time(now)
     }
 
-    /// Seconds of the vehicle's clock per second of ours, as estimated.
+    /// Returns the estimated rate of the vehicle's clock, in its seconds per second of ours.
     pub fn clock_rate(&self) -> f64 {
         self.telemetry.clock.rate()
     }
 
-    /// What the vehicle can do: the settings' limits, as its parameters clip them.
+    /// Returns the limits of the vehicle: the settings' limits within those of the vehicle's
+    /// parameters.
     pub fn limits(&self) -> &Limits<T> {
         &self.limits
     }
 
-    /// Replaces the settings' limits, for a host that learns from the heartbeat which vehicle
-    /// answers. What the vehicle's parameters leave is obeyed as before. Has no effect once the
-    /// vehicle has been taken control of.
+    /// Replaces the settings' limits, for a host that learns from the heartbeat which vehicle it is
+    /// connected to. The limits of the vehicle's parameters still apply. Has no effect once the
+    /// client has taken control.
     ///
     /// # Errors
-    /// A limit is not above zero.
+    /// Returns an error if a limit is not above zero.
     pub fn set_limits(&mut self, limits: Limits<T>) -> Result<(), SettingsError> {
         if !limits.is_valid() {
             return Err(SettingsError::Limits);
@@ -445,13 +456,13 @@ impl<T: Scalar> Autopilot<T> {
         Ok(())
     }
 
-    /// The vehicle's limits, after the settings' or the parameters' have changed.
+    /// Updates the vehicle's limits after the settings' or the parameters' limits have changed.
     fn update_limits(&mut self) {
         let (settings, parameters) = (&self.settings.limits, &self.parameter_limits);
         let speed_mps = settings.speed_mps.min(parameters.speed_mps);
         let jerk_mps3 = settings.jerk_mps3.min(parameters.jerk_mps3);
-        // An acceleration that takes longer than a second to turn into its opposite comes too late
-        // to be counted on; a reference that changes it much faster is flown past.
+        // An acceleration that takes longer than a second to change to its opposite comes too late
+        // to be used; a reference that changes it much faster is overshot.
         let acceleration_mps2 = settings
             .acceleration_mps2
             .min(parameters.acceleration_mps2)
@@ -465,49 +476,54 @@ impl<T: Scalar> Autopilot<T> {
         };
     }
 
-    /// A parameter that the checks have read, in its own unit.
+    /// Returns the value of a parameter that the checks have read, in its own unit.
     pub fn parameter(&self, name: &str) -> Option<f32> {
         self.parameter_manager.value(name)
     }
 
-    /// Every parameter that the checks have read, in its own unit.
+    /// Returns all parameters that the checks have read, in their own units.
     pub fn parameters(&self) -> impl Iterator<Item = (&'static str, f32)> + '_ {
         self.parameter_manager.values()
     }
 
-    /// Whether every parameter was read (and set, where that was asked for) or given up.
+    /// Returns whether every parameter was read (and set, where that was requested) or given up.
     pub fn parameters_are_read(&self) -> bool {
         self.vehicle
             .is_some_and(|(_, firmware)| self.parameter_manager.is_done(firmware))
     }
 
-    /// The battery, percent, where the autopilot estimates it.
+    /// Returns the charge of the battery, percent, where the autopilot estimates it.
     pub fn battery_percent(&self) -> Option<i8> {
         self.telemetry.battery_percent
     }
 
-    /// Whether the motors may turn.
+    /// Returns whether the motors may turn.
     pub fn is_armed(&self) -> bool {
         self.telemetry.armed
     }
 
-    /// The next thing that happened, oldest first.
+    /// Removes and returns the oldest event.
     pub fn take_next_event(&mut self) -> Option<Event> {
         self.events.take()
     }
 
-    /// Events that nobody took in time.
+    /// Returns the number of events that were lost because the queue was full.
     pub fn lost_events(&self) -> u32 {
         self.events.lost()
     }
 
-    /// Start the flight as soon as all checks pass: control, motors, climb, to the start.
+    /// Starts the flight as soon as all checks pass: takes control, arms, climbs, and flies to the
+    /// start.
     pub fn launch(&mut self, now: Instant) {
         self.launch = true;
         self.advance(now);
     }
 
-    /// Flies to `leg.waypoint`, to be there at `leg.end`.
+    /// Flies to `leg.waypoint`, to arrive there at `leg.end`.
+    ///
+    /// # Errors
+    /// Returns an error if the vehicle is not ready for a leg, if the waypoint is not finite or
+    /// outside the geofence, or if the vehicle's clock is not known.
     pub fn fly_leg(&mut self, now: Instant, leg: Leg<T>) -> Result<(), LegError> {
         self.advance(now);
         if !matches!(self.phase, Phase::Ready | Phase::LegEnded) {
@@ -529,19 +545,19 @@ impl<T: Scalar> Autopilot<T> {
             return Err(LegError::NoClock);
         };
         // A leg that is over, or nearly, when it is decided cannot be flown any more: the vehicle
-        // flies on as it does, and the slot ends on its tick nevertheless. Where a place is reached
-        // the moment it is asked for, it is not too late.
+        // continues its motion, and the slot still ends at its tick. An ideal vehicle reaches its
+        // waypoint at once, so it is never too late.
         let mut reference_end = None;
         let flyable = leg.end > vehicle_now + self.settings.setpoint_interval / 2;
         if flyable || self.limits.is_ideal() {
-            // A sample is some time old: the vehicle has flown on.
+            // A sample is some time old: the vehicle has flown on since.
             let measured = sample.extrapolated(vehicle_now);
             let measured = Motion {
                 velocity: sample.velocity,
                 ..Motion::at_rest(measured.position)
             };
             let tolerance = self.settings.lag_tolerance_m;
-            // A vehicle that follows late is at the waypoint in time if the reference is ahead.
+            // A vehicle that follows late reaches the waypoint in time if the reference is ahead.
             let way = leg.waypoint - sample.position;
             let slot_s = T::of((leg.end - sample.time).as_secs_f64());
             let aim = leg.waypoint + way * (self.lag_s / slot_s.max(self.lag_s.abs()));
@@ -558,7 +574,7 @@ impl<T: Scalar> Autopilot<T> {
             stream.due = now;
             reference_end = Some(stream.guide.target());
         }
-        // The ground has something to say from the first leg on.
+        // The ground link is supervised from the first leg on.
         self.ground_heard.get_or_insert(now);
         self.leg = Some(ActiveLeg {
             waypoint: leg.waypoint,
@@ -573,30 +589,30 @@ impl<T: Scalar> Autopilot<T> {
         Ok(())
     }
 
-    /// How the last leg ended, once it has.
+    /// Returns how the last leg ended, once it has.
     pub fn leg_ended(&mut self, now: Instant) -> Option<LegEnd<T>> {
         self.advance(now);
         self.leg.as_ref().and_then(|leg| leg.ended)
     }
 
-    /// Lands where the vehicle is; the end of a mission.
+    /// Lands where the vehicle is. This ends the mission.
     pub fn land(&mut self, now: Instant) {
         self.end_flight(now, Request::Land);
     }
 
-    /// Returns to the place of take-off and lands there; the end of a mission.
+    /// Returns to the place of take-off and lands there. This ends the mission.
     pub fn return_and_land(&mut self, now: Instant) {
         self.end_flight(now, Request::Return);
     }
 
-    /// A person asked us to stop: lands from flight, stops the motors on the ground, does
-    /// nothing if the flight has not begun or somebody else flies.
+    /// Stops because a person asked for it: lands from flight, stops the motors on the ground, and
+    /// does nothing if the flight has not begun or someone else has control.
     pub fn stop(&mut self, now: Instant) {
         self.fail(now, Cause::StopAsked);
     }
 
-    /// How long the autopilot's heartbeat may be missing: twice as long where it comes once a
-    /// second whatever is asked for, and five in a row are lost on a bad link now and then.
+    /// Returns how long the autopilot's heartbeat may be missing: twice as long where it always
+    /// comes once a second, because a bad link sometimes loses several in a row.
     fn heartbeat_patience(&self) -> Duration {
         let steady = self
             .vehicle
@@ -604,66 +620,68 @@ impl<T: Scalar> Autopilot<T> {
         self.settings.watch.heartbeat * if steady { 2 } else { 1 }
     }
 
-    /// Whether parameters that were set for the flight are as they were, or there were none. In a
-    /// final phase with motors off they are put back; keep polling until this is true.
+    /// Returns whether all parameters that were set for the flight have been restored, or none was
+    /// set. They are restored in a final phase with motors off; keep polling until this is true.
     pub fn is_restored(&self) -> bool {
         self.parameter_manager.is_restored()
     }
 
-    /// Parameters that are not as they were found, oldest first. One appears here before the
-    /// message that changes it is given out by [`Autopilot::poll`]: a caller that writes the list
-    /// down after every [`Autopilot::receive`] can put everything back, even after a crash.
+    /// Returns the parameters that differ from their original values, oldest first. A parameter
+    /// appears here before [`Autopilot::poll`] returns the message that changes it: a caller that
+    /// saves the list after every [`Autopilot::receive`] can restore everything, even after a
+    /// crash.
     pub fn changed_parameters(&self) -> &[ChangedParameter] {
         self.parameter_manager.changed()
     }
 
-    /// Parameters that an earlier run changed and did not put back: that is done as soon as the
-    /// motors stand still, before anything is read. To be called before the first heartbeat has
-    /// been answered, which is before the next [`Autopilot::poll`] after it.
+    /// Sets the parameters that an earlier run changed and did not restore. They are restored as
+    /// soon as the motors stand still, before anything is read. Must be called before the first
+    /// [`Autopilot::poll`] after the first heartbeat.
     pub fn restore_first(&mut self, changes: &[ChangedParameter]) {
         self.parameter_manager.restore_first(changes);
     }
 
-    /// Puts parameters back from now on, even while the motors turn: the caller is about to leave.
+    /// Restores parameters from now on, even while the motors turn, because the caller is about to
+    /// exit.
     pub fn restore_now(&mut self) {
         self.restore_now = true;
     }
 
-    /// Whether a landing has been asked for and the autopilot has not begun it yet: until it has,
-    /// leaving would leave the vehicle without an order.
+    /// Returns whether a landing was requested and the autopilot has not started it yet. A caller
+    /// that exits before then would leave the vehicle without a command.
     pub fn awaits_landing(&self) -> bool {
         let ours = self.vehicle.map(|(_, firmware)| firmware.control_mode());
         self.phase == Phase::Landing && self.telemetry.armed && self.holds == ours
     }
 
-    /// For how long the latched autopilot has not been heard; `None` before its first heartbeat.
+    /// Returns the time since the last heartbeat of the autopilot, or `None` before the first one.
     pub fn heartbeat_age(&self, now: Instant) -> Option<Duration> {
         Some(now - self.telemetry.heartbeat_came?)
     }
 
-    /// Whether the autopilot has not been heard for [`failsafe::Watch::heartbeat`]: the link, or
-    /// what is at its other end, is dead for now.
+    /// Returns whether the autopilot has not been heard for [`failsafe::Watch::heartbeat`]: the
+    /// link, or the autopilot, does not work at present.
     pub fn is_link_silent(&self, now: Instant) -> bool {
         self.was_silent_for(now, Duration::ZERO)
     }
 
-    /// Whether the silence has lasted for [`failsafe::Watch::link_dead`] longer than that.
+    /// Returns whether the silence has lasted for [`failsafe::Watch::link_dead`] longer than that.
     pub fn is_link_dead(&self, now: Instant) -> bool {
         self.was_silent_for(now, self.settings.watch.link_dead)
     }
 
-    /// Whether the link has counted as silent for `since`: no heartbeat came, or, once positions
-    /// flow, nothing at all.
-    fn was_silent_for(&self, now: Instant, since: Duration) -> bool {
+    /// Returns whether the link has counted as silent for `duration`: no heartbeat was received,
+    /// or, once positions are received, nothing at all.
+    fn was_silent_for(&self, now: Instant, duration: Duration) -> bool {
         let Some(age) = self.heartbeat_age(now) else {
             return false;
         };
         let nothing = self.telemetry.sample.is_some()
-            && now - self.telemetry.heard > self.settings.watch.heartbeat + since;
-        nothing || age > self.heartbeat_patience() + since
+            && now - self.telemetry.heard > self.settings.watch.heartbeat + duration;
+        nothing || age > self.heartbeat_patience() + duration
     }
 
-    /// Gives up putting parameters back: an event for each says what it was.
+    /// Gives up restoring parameters. An event for each parameter states its original value.
     pub fn abandon_parameters(&mut self) {
         let Some((_, firmware)) = self.vehicle else {
             return;
@@ -673,7 +691,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The ground was heard (see [`failsafe::Watch::ground`]).
+    /// Records that the ground was heard (see [`failsafe::Watch::ground`]).
     pub fn note_ground_link(&mut self, now: Instant) {
         self.ground_heard = Some(now);
     }

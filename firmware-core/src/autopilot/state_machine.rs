@@ -1,4 +1,5 @@
-//! The phases of a flight: what each waits for, what it asks, and what follows.
+//! The phases of a flight: the condition that each waits for, its commands, and the phase that
+//! follows.
 //!
 //! ```text
 //! Connecting ─ Checking ─ Standby ─ TakingControl ─ Arming ─ TakingOff ─ Transit ─ Trial ─ Ready ─┐
@@ -24,27 +25,27 @@ use super::{Autopilot, LegEnd, Obstacle, Phase, Stream, Tick};
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
 
-/// An accepted command whose effect does not show for this long is given again.
+/// The time after which an accepted command without a visible effect is repeated.
 const EFFECT_PATIENCE: Duration = Duration::from_secs(5);
-/// On the ground with motors turning for this long: we stop them ourselves.
+/// The time on the ground with motors turning after which the client stops them itself.
 const GROUND_PATIENCE: Duration = Duration::from_secs(5);
-/// The origin of the local frame is asked for this often.
+/// The interval between requests for the origin of the local frame.
 const ORIGIN_INTERVAL: Duration = Duration::from_secs(1);
-/// While something is missing, telemetry is asked for again after this.
+/// The time after which telemetry is requested again while something is missing.
 const RESUBSCRIBE: Duration = Duration::from_secs(10);
-/// The part of what a tick shows of the vehicle's lag that is believed.
+/// The fraction of an observed lag that changes the estimate.
 const LAG_GAIN: f64 = 0.2;
-/// The same where the vehicle is ahead of the reference: it flies too far then.
+/// The same where the vehicle is ahead of the reference, and so flies too far.
 const LEAD_GAIN: f64 = 0.5;
-/// The fraction of the acceleration up to which a leg ends cruising.
+/// The fraction of the largest acceleration up to which a leg counts as ending at constant speed.
 const CRUISING: f64 = 0.1;
-/// The largest lag that is flown ahead by, s.
+/// The largest lag that is compensated, s.
 const LAG_MOST_S: f64 = 0.15;
-/// Above this height over the start the vehicle counts as in the air, m.
+/// The height above the start above which the vehicle counts as airborne, m.
 const AIRBORNE_M: f64 = 1.0;
 
 impl<T: Scalar> Autopilot<T> {
-    /// Telemetry that is asked for, one command after the other.
+    /// Returns the request for telemetry of a step. The requests are sent one after the other.
     fn subscription(&self, step: u8, firmware: Firmware) -> Option<Request> {
         let every = |message, interval| Some(Request::MessageInterval { message, interval });
         let half_second = Duration::from_millis(500);
@@ -58,7 +59,7 @@ impl<T: Scalar> Autopilot<T> {
             1 => every(ESTIMATOR_STATUS_DATA::ID, half_second),
             2 => every(SYS_STATUS_DATA::ID, half_second),
             3 => every(EXTENDED_SYS_STATE_DATA::ID, half_second),
-            // Tells a change of mode sooner, and survives a link that loses frames.
+            // Reports a change of mode sooner, and tolerates a link that loses frames.
             4 if firmware.sends_heartbeats_on_request() => every(HEARTBEAT_DATA::ID, fifth),
             4 => every(CURRENT_MODE_DATA::ID, fifth),
             _ => None,
@@ -74,13 +75,13 @@ impl<T: Scalar> Autopilot<T> {
             self.stream = None;
             self.launch = false;
         }
-        // A leg a second would drown the rest.
+        // One event per leg would hide the others.
         if !matches!(phase, Phase::Leg | Phase::LegEnded) {
             self.events.push(Event::Phase(phase));
         }
     }
 
-    /// Asks once, and again if the effect stays away.
+    /// Sends a command once, and again if it has no effect.
     fn ask(&mut self, now: Instant, request: Request) {
         let overdue = self
             .asked
@@ -91,7 +92,8 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Does what the time and the vehicle's state call for. Called before everything else.
+    /// Advances the state machine to the present time and state of the vehicle. Called before
+    /// everything else.
     pub(super) fn advance(&mut self, now: Instant) {
         let Some((_, firmware)) = self.vehicle else {
             return;
@@ -129,7 +131,7 @@ impl<T: Scalar> Autopilot<T> {
             }
             Phase::Trial => self.advance_trial(now),
             Phase::Leg => {
-                // No sample came from after the tick: the last one has to do.
+                // No sample was received from after the tick: the last one is used.
                 if let Some((leg, vehicle_now)) = self.leg.zip(self.vehicle_time(now))
                     && leg.final_sent
                     && vehicle_now >= leg.end + self.settings.sample_patience
@@ -152,7 +154,8 @@ impl<T: Scalar> Autopilot<T> {
             }
             Phase::Disarming => {
                 if self.telemetry.armed && self.is_airborne() {
-                    // The take-off that we broke off had begun: motors cannot stop up there.
+                    // The aborted take-off had already begun: the motors cannot be stopped in the
+                    // air.
                     match self.telemetry.mode {
                         Some(mode) if self.holds != Some(mode) => {
                             self.fail(now, Cause::ControlTaken(mode));
@@ -199,7 +202,7 @@ impl<T: Scalar> Autopilot<T> {
             } else if obstacle.is_some() && now - self.subscribed_at > RESUBSCRIBE {
                 self.subscribed = 0;
             } else if obstacle == Some(Obstacle::NoOrigin) && now >= self.origin_due {
-                // The answer is the message itself; an acknowledgement alone is not enough.
+                // The answer is the message itself; an acknowledgement alone is not sufficient.
                 self.origin_due = now + ORIGIN_INTERVAL;
                 self.pending = Some(Pending::new(
                     now,
@@ -254,7 +257,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The vehicle stands on the ground: heights count from here.
+    /// Records the position of the vehicle on the ground, from which heights are measured.
     fn note_ground(&mut self) {
         if let Some(sample) = self.telemetry.sample {
             self.ground_m = sample.altitude_m;
@@ -262,12 +265,12 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// How high a sample is above the place of take-off, m.
+    /// Returns the height of a sample above the place of take-off, m.
     fn height_m(&self, sample: &Sample<T>) -> T {
         sample.altitude_m - self.ground_m
     }
 
-    /// Streams a setpoint that stays where the vehicle is.
+    /// Starts to stream a setpoint at the vehicle's present position.
     fn hold_here(&mut self, now: Instant, on_ground: bool) {
         let Some(sample) = self.telemetry.sample else {
             return;
@@ -286,7 +289,8 @@ impl<T: Scalar> Autopilot<T> {
         });
     }
 
-    /// The reference sets out for a place, to rest there. False where nothing is streamed.
+    /// Starts a transit of the reference to a place, where it comes to rest. Returns false where no
+    /// setpoints are streamed.
     pub(super) fn start_transit(&mut self, now: Instant, place: Position<T>) -> bool {
         let vehicle_now = self.vehicle_time(now);
         let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) else {
@@ -299,7 +303,7 @@ impl<T: Scalar> Autopilot<T> {
         true
     }
 
-    /// The reference has come to rest, and the vehicle is there.
+    /// Returns whether the reference has come to rest and the vehicle is at the place.
     pub(super) fn has_arrived_at(&self, now: Instant, place: Position<T>) -> bool {
         let vehicle_now = self.vehicle_time(now);
         let over = |s: &Stream<T>| vehicle_now.is_some_and(|now| now >= s.guide.end());
@@ -326,7 +330,7 @@ impl<T: Scalar> Autopilot<T> {
             self.enter(now, Phase::Transit);
         } else if firmware.takes_off_by_command() {
             let altitude_m = target.to_f64() as f32;
-            // A take-off that is under way is not asked for again: that would restart it.
+            // A take-off that has begun is not requested again: that would restart it.
             if self.flown {
                 self.pending = None;
             } else {
@@ -340,11 +344,11 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// A command was accepted, refused or never answered.
+    /// Processes the outcome of a command.
     pub(super) fn command_over(&mut self, now: Instant, request: Request, outcome: CommandOutcome) {
         if !request.moves() {
-            // Telemetry that is missing shows in the checks. What was refused for good is not
-            // asked for again.
+            // Missing telemetry is reported by the checks. What was refused for good is not
+            // requested again.
             if let CommandOutcome::Refused(answer) = outcome
                 && answer != MavResult::MAV_RESULT_TEMPORARILY_REJECTED
                 && matches!(request, Request::MessageInterval { .. })
@@ -361,12 +365,13 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// A heartbeat of our autopilot: who has control?
+    /// Processes the mode of the autopilot, which tells who has control.
     pub(super) fn heartbeat_judged(&mut self, now: Instant, firmware: Firmware, mode: Mode) {
         let ours = firmware.control_mode();
         let landing = [firmware.land_mode(), firmware.return_mode()];
         if core::mem::take(&mut self.silent) && mode == ours {
-            // Heard again and still ours: end the flight, never go on with it.
+            // The autopilot is heard again and still in our mode: end the flight, never continue
+            // it.
             if matches!(self.phase, Phase::Arming | Phase::TakingOff) && !self.flown {
                 self.pending = None;
                 self.enter(now, Phase::Disarming);
@@ -376,7 +381,7 @@ impl<T: Scalar> Autopilot<T> {
         }
         match self.phase {
             Phase::TakingControl => {
-                // The mode is what counts; an acknowledgement can get lost.
+                // The mode decides; an acknowledgement can be lost.
                 let sent = self.pending.as_ref().is_none_or(Pending::was_sent);
                 if self.asked.is_some() && sent && mode == ours {
                     self.pending = None;
@@ -411,7 +416,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Something of the failsafe table has happened.
+    /// Returns the cause of the failsafe table that has occurred, if any.
     fn watch(&self, now: Instant) -> Option<Cause> {
         let (watch, telemetry) = (&self.settings.watch, &self.telemetry);
         let in_phase = now - self.phase_since;
@@ -436,7 +441,7 @@ impl<T: Scalar> Autopilot<T> {
             return None;
         }
         // From the first setpoint on, which may be on the ground: without a position the stream
-        // that PX4 waits for stops, and so does the start.
+        // that PX4 needs stops, and so does the start.
         if (flying || starting) && !self.knows_position(now) {
             return Some(Cause::PositionLost);
         }
@@ -447,7 +452,7 @@ impl<T: Scalar> Autopilot<T> {
         if !flying {
             return None;
         }
-        // A vehicle that took off outside the fence may come from there.
+        // A vehicle that took off outside the fence may enter it from there.
         let mut margin_m = watch.fence_margin_m;
         if matches!(self.phase, Phase::Transit | Phase::Trial) {
             margin_m += self.stood_outside_m;
@@ -481,14 +486,14 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Does what the failsafe table says.
+    /// Carries out the reaction of the failsafe table.
     pub(super) fn fail(&mut self, now: Instant, cause: Cause) {
         if self.phase.is_final() {
             return;
         }
         let reaction = cause.row().reaction;
         let ending = matches!(self.phase, Phase::Landing | Phase::Disarming);
-        // While landing, only what changes how it ends still counts.
+        // While landing, only causes that change how the landing ends are processed.
         if ending && reaction == Reaction::Land && cause != Cause::CommandFailed {
             return;
         }
@@ -511,7 +516,7 @@ impl<T: Scalar> Autopilot<T> {
             Reaction::Land if self.phase.is_flying() || self.flown => {
                 self.start_landing(now, Request::Land);
             }
-            // On the ground, but the motors may turn or be about to.
+            // On the ground, but the motors may turn or start to turn.
             Reaction::Land if matches!(self.phase, Phase::Arming | Phase::TakingOff) => {
                 self.pending = None;
                 self.enter(now, Phase::Disarming);
@@ -527,7 +532,8 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The vehicle has left the ground: it says so, or its height does.
+    /// Returns whether the vehicle has left the ground according to its own report, or else its
+    /// height.
     fn is_airborne(&self) -> bool {
         match self.telemetry.on_ground {
             Some(on_ground) => !on_ground,
@@ -548,7 +554,8 @@ impl<T: Scalar> Autopilot<T> {
         self.enter(now, Phase::Landing);
     }
 
-    /// Whether a setpoint may go out now: never while we do not know where the vehicle is.
+    /// Returns whether a setpoint may be sent now: never while the position of the vehicle is
+    /// unknown.
     pub(super) fn may_stream(&self, now: Instant) -> bool {
         let Some((_, firmware)) = self.vehicle else {
             return false;
@@ -559,14 +566,14 @@ impl<T: Scalar> Autopilot<T> {
         let ours = Some(firmware.control_mode());
         let in_control = self.holds == ours && self.telemetry.mode == ours;
         match self.phase {
-            // The stream that must flow before control is given, and the climb it flies.
+            // The stream that must be sent before control is given, and the climb flown with it.
             Phase::TakingControl => firmware.stream_before_control() > Duration::ZERO,
             Phase::Arming | Phase::TakingOff => {
                 in_control && firmware.stream_before_control() > Duration::ZERO
             }
             phase if phase.is_flying() => in_control,
-            // Until the landing is accepted the reference comes to rest; not after a position
-            // that cannot be believed.
+            // Until the landing is accepted the reference comes to rest, but not after an
+            // implausible position.
             Phase::Landing => {
                 in_control
                     && self.asked.is_some_and(|(_, accepted)| !accepted)
@@ -579,13 +586,13 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The latest position sample is not too old to go by.
+    /// Returns whether the latest position sample is recent enough.
     fn knows_position(&self, now: Instant) -> bool {
         self.telemetry.sample.is_some()
             && now - self.telemetry.sample_came <= self.settings.watch.position
     }
 
-    /// A new sample: is it known where the vehicle was at the tick?
+    /// Ends the leg if a new sample shows where the vehicle was at the tick.
     pub(super) fn judge_leg(&mut self, now: Instant) {
         let Some(((leg, sample), (_, firmware))) =
             self.leg.zip(self.telemetry.sample).zip(self.vehicle)
@@ -603,7 +610,7 @@ impl<T: Scalar> Autopilot<T> {
                     .confirmed
                     .is_some_and(|echo| boot_ms.wrapping_sub(echo) < u32::MAX / 2)
         } else {
-            // A sample from after the tick counts even if we come too late with its setpoint.
+            // A sample from after the tick is used even if the setpoint of the tick is sent later.
             sample.time >= leg.end
         };
         if known {
@@ -611,7 +618,8 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The vehicle of the paper's kinematics: it is where its last setpoint says, and says so.
+    /// Returns whether the vehicle has the paper's kinematics: it is always at its last setpoint,
+    /// and confirms it.
     fn is_at_setpoints(&self, firmware: Firmware) -> bool {
         firmware.confirms_setpoints() && self.limits.is_ideal()
     }
@@ -624,7 +632,7 @@ impl<T: Scalar> Autopilot<T> {
             return;
         };
         let fix = if at_setpoint {
-            // Between setpoints such a vehicle does not move: there is nothing to interpolate.
+            // Such a vehicle does not move between setpoints: there is nothing to interpolate.
             let sample = Sample {
                 time: leg.end,
                 ..latest
@@ -658,11 +666,11 @@ impl<T: Scalar> Autopilot<T> {
                 clock_rate: clock.rate() as f32,
             },
         });
-        // Extrapolated places say nothing new, and an ideal vehicle has no lag.
+        // Extrapolated positions contain no new information, and an ideal vehicle has no lag.
         if let Some(end) = leg.reference_end.filter(|_| !extrapolated && !at_setpoint) {
             let speed_mps = end.velocity.norm();
-            // While it gathers speed or turns, or flies slowly, or its simulator stalls, other things
-            // decide where it is.
+            // While the vehicle gains speed or turns, or flies slowly, or its simulator stalls, the
+            // lag is not what determines its position.
             let stalled = self.telemetry.clock.last_stall() >= self.phase_since;
             let cruises = end.acceleration.norm()
                 <= self.limits.acceleration_mps2 * T::of(CRUISING)

@@ -23,7 +23,7 @@
 
 mod aging;
 mod exchange;
-mod pace;
+mod speed_estimator;
 
 use heapless::Vec;
 
@@ -39,7 +39,7 @@ use crate::{
 };
 use aging::LastState;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
-use pace::Pace;
+use speed_estimator::SpeedEstimator;
 
 /// Error returned when the controller cannot carry out a call in its present state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -99,7 +99,7 @@ pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize =
     rate: T,
     mse: T,
     under_way: Option<Plan<T>>,
-    pace: Pace<T>,
+    speed_estimator: SpeedEstimator<T>,
     last_state: LastState<T, M, J>,
     workspace: Workspace<T, J>,
 }
@@ -111,7 +111,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             limits: SlotLimits::of_mission(&mission),
             method: Method::Exact,
             fairness: Fairness::new(&mission),
-            pace: Pace::new(&mission),
+            speed_estimator: SpeedEstimator::new(&mission),
             last_state: LastState::none(),
             mission,
             policy,
@@ -133,12 +133,12 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// more than the vehicle can fly. Without this call the paper's kinematics are assumed.
     pub fn rely_on(&mut self, limits: &Limits<T>) {
         let slot_s = self.mission.parameters().slot_duration_s;
-        self.pace.rely_on(limits, slot_s);
+        self.speed_estimator.rely_on(limits, slot_s);
     }
 
     /// Returns the vehicle's capabilities that the shield assumes now.
     pub fn agility(&self) -> Agility<T> {
-        self.pace.agility()
+        self.speed_estimator.agility()
     }
 
     /// Returns the mission being flown.
@@ -192,9 +192,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         });
         let mut intervention = Intervention::default();
         let destination = self.mission.parameters().destination;
-        self.pace.observe(&measured, &destination);
+        self.speed_estimator.observe(&measured, &destination);
         self.last_state.locate(measured);
-        let agility = self.pace.agility();
+        let agility = self.speed_estimator.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
             && shield::scores_are_sound(&action.user_scores, self.mission.user_count());
@@ -222,7 +222,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             served_user,
             intervention,
         };
-        self.pace.set_out(measured, waypoint);
+        self.speed_estimator.set_out(measured, waypoint);
         self.under_way = Some(plan);
         Ok(plan)
     }

@@ -13,7 +13,7 @@ use crate::{
 /// step that was asked for, and by what the vehicle does not reach even when it is asked
 /// repeatedly.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pace<T: Scalar> {
+pub(super) struct SpeedEstimator<T: Scalar> {
     /// `V_max delta`, metres.
     reach_m: T,
     /// The distance by which a slot may exceed the longest step that is asked for, metres: kept
@@ -32,7 +32,7 @@ pub(super) struct Pace<T: Scalar> {
     best_m: T,
 }
 
-impl<T: Scalar> Pace<T> {
+impl<T: Scalar> SpeedEstimator<T> {
     /// The number of slots in a row that prove that the vehicle is slower than asked.
     const PROOF: u8 = 3;
     /// The fraction of the assumed distance from which a slot asks for nearly everything.
