@@ -197,7 +197,7 @@ fn check_feasible<T: Scalar>(
     let mission = planner.mission().clone();
     let p = mission.parameters();
     let slots_left = (mission.slots() + 1).saturating_sub(planner.slot());
-    let slack_m = firmware_core::shield::rounding_m(&p.area, reach_m);
+    let slack_m = firmware_core::mission::rounding_m(&p.area, reach_m);
     let inside = |place: Position<T>| {
         Position::new(
             place.x.max(T::zero()).min(p.area.east_m),

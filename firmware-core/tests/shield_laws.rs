@@ -6,9 +6,9 @@ mod random_slots;
 use firmware_core::{
     Displacement, Mission, Position, Scalar, Watt,
     controller::{ChannelState, Controller},
-    mission::{Area, Environment, ExcessLoss, MissionParameters},
+    mission::{Area, Environment, ExcessLoss, MissionParameters, rounding_m},
     policy::{Action, Observation, Policy},
-    shield::{Agility, Intervention, ReachableSet, admissible_waypoint, rounding_m},
+    shield::{Agility, Intervention, ReachableSet, admissible_waypoint},
 };
 use heapless::Vec;
 use rand::{Rng, RngExt};

@@ -24,7 +24,7 @@
 //! room `B` is a difference. The exact solver has no such difference.
 
 use super::{
-    LimitedBy, SlotError, Solution, Status, exact::rate_of_sinr, level::Level, level::SensorField,
+    LimitedBy, SlotError, Solution, Status, level::Level, level::SensorField, rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 use serde::{Deserialize, Serialize};

@@ -25,7 +25,9 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::{LimitedBy, SlotError, SlotLimits, Status, Workspace, exact::rate_of_sinr};
+use super::{
+    LimitedBy, SlotError, SlotLimits, Status, Workspace, error::check_gains, rate::rate_of_sinr,
+};
 use crate::{
     scalar::Scalar,
     units::{PowerGain, Watt},
@@ -201,7 +203,7 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         let noise_amplitude = limits.noise_power.0.sqrt();
         let least: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.least).collect();
         let most: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.most).collect();
-        super::check_gains(most.iter().copied())?;
+        check_gains(most.iter().copied())?;
         let ends: Vec<Ends<T>, J> = sensors
             .iter()
             .map(|gain| Ends::of(gain, noise_amplitude))

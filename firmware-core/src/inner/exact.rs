@@ -11,6 +11,7 @@
 use super::{
     LimitedBy, SlotError, Solution, Status,
     level::{Level, SensorField},
+    rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 
@@ -80,9 +81,4 @@ impl<T: Scalar> SensorField<'_, T> {
             missing / (below.amplitude + discriminant.max(T::zero()).sqrt())
         })
     }
-}
-
-/// Returns `log2(1 + sinr)`, also accurate for small `sinr`.
-pub(super) fn rate_of_sinr<T: Scalar>(sinr: T) -> T {
-    sinr.ln_1p() * T::of(core::f64::consts::LOG2_E)
 }

@@ -14,7 +14,10 @@
 //!
 //! Worst case: `O(J log J)` to sort, `O(J)` for the sums, `O(log J)` for the peak.
 
-use super::{SlotError, SlotLimits, check_gains};
+use super::{
+    error::{SlotError, check_gains},
+    limits::SlotLimits,
+};
 use crate::{scalar::Scalar, units::PowerGain};
 
 /// Memory for the sorted amplitudes of up to `J` sensors and their running sums.

@@ -12,9 +12,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::FrameError;
 use crate::autopilot::wire;
-use crate::counter::count;
 
 /// Counters of what a decoder of the ground link has received, one per outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,16 +43,6 @@ impl LinkCounters {
         ]
         .into_iter()
         .fold(0, u32::saturating_add)
-    }
-
-    pub(super) fn note(&mut self, error: FrameError) {
-        count(match error {
-            FrameError::TooLong => &mut self.too_long,
-            FrameError::Malformed => &mut self.malformed,
-            FrameError::Checksum => &mut self.checksum,
-            FrameError::Version { .. } => &mut self.version,
-            FrameError::Message => &mut self.message,
-        });
     }
 }
 

@@ -3,9 +3,9 @@
 
 use super::memory::PathMut;
 use crate::{
-    mission::{Area, Mission},
+    mission::{Area, Mission, rounding_m},
     scalar::{Position, Scalar},
-    shield::{ReachableSet, rounding_m},
+    shield::ReachableSet,
 };
 
 /// The constraints on the rest of a mission.
