@@ -11,9 +11,9 @@ use mavlink::dialects::common::MavResult;
 use super::checks::Finding;
 use super::command::{CommandOutcome, Request, result_name};
 use super::failsafe::{Cause, Reaction};
+use super::phase::{Obstacle, Phase};
 use super::preflight::PreflightRefusal;
 use super::profile::{Firmware, Mode};
-use super::{Obstacle, Phase};
 
 /// An event of the client.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,17 +2,13 @@
 //!
 //! An [`Obstacle`](super::Obstacle) is waited for; a [`PreflightRefusal`] ends the start at once,
 //! before the motors turn, with the two numbers that do not match. A client that was not told to
-//! launch lists them ([`Autopilot::refusals`]).
+//! launch lists them ([`Autopilot::refusals`](super::Autopilot::refusals)).
 
 use core::fmt;
 
-use heapless::Vec;
-
 use super::profile::Firmware;
-use super::{Autopilot, Obstacle, Phase};
 use crate::mission::MissionParameters;
 use crate::scalar::{Position, Scalar};
-use crate::time::Instant;
 
 /// The requirements of a mission that are compared before take-off.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +53,7 @@ impl<T: Scalar> Preflight<T> {
     }
 
     /// Returns how far outside the area a place is, m; without an area its distance from `start`.
-    fn outside_m(&self, place: &Position<T>, start: &Position<T>) -> T {
+    pub(super) fn outside_m(&self, place: &Position<T>, start: &Position<T>) -> T {
         let nearest = match &self.area {
             Some((low, high)) => Position::new(
                 place.x.max(low.x).min(high.x),
@@ -69,7 +65,7 @@ impl<T: Scalar> Preflight<T> {
     }
 
     /// Returns the distance from a place to the farthest corner of the area, m.
-    fn farthest_m(&self, place: &Position<T>) -> Option<T> {
+    pub(super) fn farthest_m(&self, place: &Position<T>) -> Option<T> {
         let (low, high) = self.area?;
         let corners = [
             low,
@@ -202,9 +198,9 @@ pub const REFUSALS: usize = 5;
 
 /// The radius and the ceiling of the autopilot's own geofence about its home: the name of the
 /// parameter and metres.
-type OwnFence = [Option<(&'static str, f32)>; 2];
+pub(super) type OwnFence = [Option<(&'static str, f32)>; 2];
 
-fn own_fence(firmware: Firmware, parameter: impl Fn(&str) -> Option<f32>) -> OwnFence {
+pub(super) fn own_fence(firmware: Firmware, parameter: impl Fn(&str) -> Option<f32>) -> OwnFence {
     let number = |name: &'static str| Some((name, parameter(name)?));
     // Zero disables a distance of PX4's fence.
     let above_zero = |name| number(name).filter(|&(_, limit_m)| limit_m > 0.0);
@@ -226,112 +222,6 @@ fn own_fence(firmware: Firmware, parameter: impl Fn(&str) -> Option<f32>) -> Own
                 above_zero("GF_MAX_HOR_DIST").filter(|_| acts),
                 above_zero("GF_MAX_VER_DIST").filter(|_| acts),
             ]
-        }
-    }
-}
-
-impl<T: Scalar> Autopilot<T> {
-    /// Returns the reasons known so far that prevent a start and do not go away by waiting. Empty
-    /// once the flight has begun.
-    pub fn refusals(&self, now: Instant) -> Vec<PreflightRefusal, REFUSALS> {
-        let mut refusals = Vec::new();
-        if matches!(self.phase, Phase::Checking | Phase::Standby) {
-            let obstacle = self.look_for_obstacle(now);
-            let all = [
-                self.refuse_distance(obstacle),
-                self.refuse_speed(),
-                self.refuse_battery(obstacle),
-            ];
-            let fence = self.refuse_own_fence(obstacle);
-            // The capacity is the number of refusals.
-            refusals.extend(all.into_iter().chain(fence).flatten());
-        }
-        refusals
-    }
-
-    /// Returns whether the vehicle reports its position on Earth.
-    fn is_placed(obstacle: Option<Obstacle>) -> bool {
-        matches!(obstacle, None | Some(Obstacle::PreArm))
-    }
-
-    fn refuse_distance(&self, obstacle: Option<Obstacle>) -> Option<PreflightRefusal> {
-        let sample = self
-            .telemetry
-            .sample
-            .filter(|_| Self::is_placed(obstacle))?;
-        let preflight = &self.settings.preflight;
-        let distance_m = preflight.outside_m(&sample.position, &self.settings.start);
-        (distance_m > preflight.distance_m).then(|| PreflightRefusal::TooFar {
-            distance_m: distance_m.to_f64() as f32,
-            limit_m: preflight.distance_m.to_f64() as f32,
-        })
-    }
-
-    fn refuse_speed(&self) -> Option<PreflightRefusal> {
-        let needed_mps = self.settings.preflight.needed_speed_mps?;
-        let slow = self.parameters_are_read() && self.limits.speed_mps < needed_mps;
-        slow.then(|| PreflightRefusal::TooSlow {
-            needed_mps: needed_mps.to_f64() as f32,
-            possible_mps: self.limits.speed_mps.to_f64() as f32,
-            parameter: self
-                .parameter_manager
-                .slowest()
-                .filter(|_| self.parameter_limits.speed_mps < needed_mps),
-        })
-    }
-
-    /// The battery is checked only where nothing else is waited for: an autopilot that starts up
-    /// may report an empty battery.
-    fn refuse_battery(&self, obstacle: Option<Obstacle>) -> Option<PreflightRefusal> {
-        let threshold = self.settings.watch.battery_percent;
-        let percent = self.telemetry.battery_percent?;
-        let low = percent <= threshold && obstacle.is_none() && self.parameters_are_read();
-        low.then_some(PreflightRefusal::BatteryLow { percent, threshold })
-    }
-
-    fn refuse_own_fence(&self, obstacle: Option<Obstacle>) -> [Option<PreflightRefusal>; 2] {
-        let (Some((_, firmware)), Some(sample)) = (self.vehicle, self.telemetry.sample) else {
-            return [None, None];
-        };
-        let preflight = &self.settings.preflight;
-        let Some(farthest_m) = preflight.farthest_m(&sample.position) else {
-            return [None, None];
-        };
-        if !(self.parameters_are_read() && Self::is_placed(obstacle)) {
-            return [None, None];
-        }
-        let (farthest_m, altitude_m) = (
-            farthest_m.to_f64() as f32,
-            self.settings.altitude_m.to_f64() as f32,
-        );
-        let [radius, ceiling] = own_fence(firmware, |name| self.parameter(name));
-        [
-            radius
-                .filter(|&(_, limit_m)| farthest_m >= limit_m)
-                .map(
-                    |(parameter, limit_m)| PreflightRefusal::OutsideAutopilotFence {
-                        parameter,
-                        limit_m,
-                        needed_m: farthest_m,
-                    },
-                ),
-            ceiling
-                .filter(|&(_, limit_m)| altitude_m >= limit_m)
-                .map(
-                    |(parameter, limit_m)| PreflightRefusal::AboveAutopilotFence {
-                        parameter,
-                        limit_m,
-                        needed_m: altitude_m,
-                    },
-                ),
-        ]
-    }
-
-    /// Returns how far outside the geofence the vehicle stands, m.
-    pub(super) fn outside_fence_m(&self) -> T {
-        match (&self.settings.geofence, &self.telemetry.sample) {
-            (Some(fence), Some(sample)) => (fence.clamp(sample.position) - sample.position).norm(),
-            _ => T::zero(),
         }
     }
 }

@@ -7,14 +7,15 @@ use mavlink::dialects::common::{
 };
 
 use super::checks::Needs;
+use super::client::Autopilot;
 use super::command::CommandOutcome;
 use super::event::Event;
 use super::failsafe::Cause;
 use super::frames::Geodetic;
+use super::phase::Phase;
 use super::profile::{Firmware, Mode, is_armed, mode_of};
 use super::telemetry::News;
 use super::wire::{Address, status_text};
-use super::{Autopilot, Phase};
 use crate::scalar::{Position, Scalar};
 use crate::time::Instant;
 

@@ -14,14 +14,17 @@ use mavlink::dialects::common::{
     HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavResult, SYS_STATUS_DATA,
 };
 
+use super::client::Autopilot;
 use super::command::{CommandOutcome, Pending, Request};
 use super::event::Event;
 use super::failsafe::{Cause, Reaction};
-use super::guidance::Guide;
+use super::guidance::{Guide, Motion};
+use super::leg::{LegEnd, Tick};
+use super::phase::{Obstacle, Phase};
 use super::profile::{Firmware, Mode};
+use super::state::Stream;
 use super::telemetry::{Fix, Sample};
 use super::wire::ekf_status_report;
-use super::{Autopilot, LegEnd, Obstacle, Phase, Stream, Tick};
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
 
@@ -283,7 +286,7 @@ impl<T: Scalar> Autopilot<T> {
         self.stream = Some(Stream {
             guide: Guide::new(vehicle_now, place, self.limits, grace),
             due: now,
-            last: super::Motion::at_rest(place),
+            last: Motion::at_rest(place),
             // Until the climb begins, it has begun in the far future.
             climb: on_ground.then_some((Instant::from_micros(u64::MAX), height_m)),
         });

@@ -6,7 +6,10 @@
 //! speed that it reaches is its limit from then on; if that is too low to reach the destination in
 //! time, it lands where it took off and the mission is refused with both speeds.
 
-use super::{Autopilot, Event, Phase, failsafe::Cause, preflight::PreflightRefusal};
+use super::{
+    client::Autopilot, event::Event, failsafe::Cause, phase::Phase, preflight::PreflightRefusal,
+    state::Trial,
+};
 use crate::{
     autopilot::guidance::Trajectory,
     scalar::{Position, Scalar},
@@ -17,19 +20,6 @@ use crate::{
 const REACHED: f64 = 0.8;
 /// The fraction of the measured speed that is planned with, so that the vehicle can catch up.
 const MARGIN: f64 = 0.95;
-
-/// The state of a trial leg.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Trial<T: Scalar> {
-    /// The turning point, m.
-    turn: Position<T>,
-    /// The vehicle is on its way back.
-    returns: bool,
-    /// The largest speed of the reference on the way there, m/s.
-    asked_mps: T,
-    /// The largest measured speed, m/s.
-    reached_mps: T,
-}
 
 impl<T: Scalar> Autopilot<T> {
     /// Starts a trial leg if one is needed; otherwise the vehicle is ready for slots.

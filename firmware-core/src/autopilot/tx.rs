@@ -6,12 +6,13 @@ use mavlink::dialects::common::{
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
+use super::client::Autopilot;
 use super::command::Turn;
 use super::event::Event;
 use super::frames::vector_to_ned;
 use super::guidance::Motion;
+use super::phase::Phase;
 use super::settings::Coordinates;
-use super::{Autopilot, Phase};
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
