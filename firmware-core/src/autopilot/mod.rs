@@ -32,7 +32,7 @@
 //!
 //! [`wire`] bytes and messages · [`frames`] map and north-east-down · [`profile`] differences
 //! between autopilots · [`guidance`] trajectories · `command` acknowledged commands · `telemetry`
-//! the latest state of the vehicle · `state_machine` the phases · `rx` received messages · `tx`
+//! the latest state of the vehicle · `state_machine` the phases · `supervision` detection of failures · `rx` received messages · `tx`
 //! messages to send · [`failsafe`] causes and reactions · `checks` parameters that are read and set
 //! before a flight · [`mission`] upload of a whole mission · [`preflight`] reasons to refuse a
 //! start · `trial` measurement of the airframe's speed
@@ -46,6 +46,7 @@ pub mod failsafe;
 pub mod frames;
 pub mod guidance;
 mod leg;
+mod leg_end;
 pub mod mission;
 mod phase;
 pub mod preflight;
@@ -55,6 +56,7 @@ mod rx;
 mod settings;
 mod state;
 mod state_machine;
+mod supervision;
 mod telemetry;
 mod trial;
 mod tx;

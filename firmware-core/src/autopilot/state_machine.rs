@@ -17,13 +17,12 @@ use mavlink::dialects::common::{
 use super::client::Autopilot;
 use super::command::{CommandOutcome, Pending, Request};
 use super::event::Event;
-use super::failsafe::{Cause, Reaction};
+use super::failsafe::Cause;
 use super::guidance::{Guide, Motion};
-use super::leg::{LegEnd, Tick};
 use super::phase::{Obstacle, Phase};
 use super::profile::{Firmware, Mode};
 use super::state::Stream;
-use super::telemetry::{Fix, Sample};
+use super::telemetry::Sample;
 use super::wire::ekf_status_report;
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
@@ -36,14 +35,6 @@ const GROUND_PATIENCE: Duration = Duration::from_secs(5);
 const ORIGIN_INTERVAL: Duration = Duration::from_secs(1);
 /// The time after which telemetry is requested again while something is missing.
 const RESUBSCRIBE: Duration = Duration::from_secs(10);
-/// The fraction of an observed lag that changes the estimate.
-const LAG_GAIN: f64 = 0.2;
-/// The same where the vehicle is ahead of the reference, and so flies too far.
-const LEAD_GAIN: f64 = 0.5;
-/// The fraction of the largest acceleration up to which a leg counts as ending at constant speed.
-const CRUISING: f64 = 0.1;
-/// The largest lag that is compensated, s.
-const LAG_MOST_S: f64 = 0.15;
 /// The height above the start above which the vehicle counts as airborne, m.
 const AIRBORNE_M: f64 = 1.0;
 
@@ -269,7 +260,7 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     /// Returns the height of a sample above the place of take-off, m.
-    fn height_m(&self, sample: &Sample<T>) -> T {
+    pub(super) fn height_m(&self, sample: &Sample<T>) -> T {
         sample.altitude_m - self.ground_m
     }
 
@@ -419,122 +410,6 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Returns the cause of the failsafe table that has occurred, if any.
-    fn watch(&self, now: Instant) -> Option<Cause> {
-        let (watch, telemetry) = (&self.settings.watch, &self.telemetry);
-        let in_phase = now - self.phase_since;
-        let flying = self.phase.is_flying();
-        let starting = matches!(
-            self.phase,
-            Phase::TakingControl | Phase::Arming | Phase::TakingOff | Phase::Transit | Phase::Trial
-        );
-        let armed_by_us = flying
-            || matches!(
-                self.phase,
-                Phase::Arming | Phase::TakingOff | Phase::Landing | Phase::Disarming
-            );
-        if armed_by_us && !self.silent && self.is_link_silent(now) {
-            return Some(Cause::HeartbeatLost);
-        }
-        let concerned = armed_by_us || starting || self.launch;
-        if concerned && self.is_link_dead(now) {
-            return Some(Cause::LinkDead);
-        }
-        if self.silent {
-            return None;
-        }
-        // From the first setpoint on, which may be on the ground: without a position the stream
-        // that PX4 needs stops, and so does the start.
-        if (flying || starting) && !self.knows_position(now) {
-            return Some(Cause::PositionLost);
-        }
-        let waited = matches!(self.phase, Phase::Checking) && self.launch;
-        if (starting || waited || self.phase == Phase::Ready) && in_phase > watch.stage {
-            return Some(Cause::StageTimedOut);
-        }
-        if !flying {
-            return None;
-        }
-        // A vehicle that took off outside the fence may enter it from there.
-        let mut margin_m = watch.fence_margin_m;
-        if matches!(self.phase, Phase::Transit | Phase::Trial) {
-            margin_m += self.stood_outside_m;
-        }
-        let outside =
-            self.settings
-                .geofence
-                .zip(telemetry.sample)
-                .is_some_and(|(fence, sample)| {
-                    !fence.contains(&sample.position, -margin_m)
-                        || self.height_m(&sample) > fence.ceiling_m + watch.fence_margin_m
-                });
-        let in_mission = matches!(self.phase, Phase::Leg | Phase::LegEnded);
-        let ground = watch
-            .ground
-            .zip(self.ground_heard)
-            .is_some_and(|(limit, heard)| in_mission && now - heard > limit);
-        let battery = telemetry
-            .battery_low_since
-            .is_some_and(|since| now - since > watch.battery);
-        if outside {
-            Some(Cause::FenceBreached)
-        } else if battery {
-            Some(Cause::BatteryLow)
-        } else if ground {
-            Some(Cause::GroundSilent)
-        } else if self.phase == Phase::LegEnded && in_phase > watch.overrun {
-            Some(Cause::SlotOverrun)
-        } else {
-            None
-        }
-    }
-
-    /// Carries out the reaction of the failsafe table.
-    pub(super) fn fail(&mut self, now: Instant, cause: Cause) {
-        if self.phase.is_final() {
-            return;
-        }
-        let reaction = cause.row().reaction;
-        let ending = matches!(self.phase, Phase::Landing | Phase::Disarming);
-        // While landing, only causes that change how the landing ends are processed.
-        if ending && reaction == Reaction::Land && cause != Cause::CommandFailed {
-            return;
-        }
-        self.fault.get_or_insert(cause);
-        self.events.push(Event::Failsafe { cause, reaction });
-        self.launch = false;
-        match reaction {
-            // Control that was never taken cannot be released.
-            Reaction::Release
-                if matches!(
-                    self.phase,
-                    Phase::Checking | Phase::Standby | Phase::TakingControl
-                ) =>
-            {
-                self.enter(now, Phase::Failed);
-            }
-            Reaction::Release => self.enter(now, Phase::Released),
-            Reaction::Silence => self.silent = true,
-            Reaction::Land if ending => self.enter(now, Phase::Failed),
-            Reaction::Land if self.phase.is_flying() || self.flown => {
-                self.start_landing(now, Request::Land);
-            }
-            // On the ground, but the motors may turn or start to turn.
-            Reaction::Land if matches!(self.phase, Phase::Arming | Phase::TakingOff) => {
-                self.pending = None;
-                self.enter(now, Phase::Disarming);
-            }
-            Reaction::Land => self.enter(now, Phase::Failed),
-        }
-    }
-
-    pub(super) fn end_flight(&mut self, now: Instant, by: Request) {
-        self.advance(now);
-        if self.phase.is_flying() {
-            self.start_landing(now, by);
-        }
-    }
-
     /// Returns whether the vehicle has left the ground according to its own report, or else its
     /// height.
     fn is_airborne(&self) -> bool {
@@ -547,7 +422,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    fn start_landing(&mut self, now: Instant, by: Request) {
+    pub(super) fn start_landing(&mut self, now: Instant, by: Request) {
         let vehicle_now = self.vehicle_time(now);
         if let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) {
             stream.guide.stop(vehicle_now);
@@ -590,118 +465,8 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     /// Returns whether the latest position sample is recent enough.
-    fn knows_position(&self, now: Instant) -> bool {
+    pub(super) fn knows_position(&self, now: Instant) -> bool {
         self.telemetry.sample.is_some()
             && now - self.telemetry.sample_came <= self.settings.watch.position
-    }
-
-    /// Ends the leg if a new sample shows where the vehicle was at the tick.
-    pub(super) fn judge_leg(&mut self, now: Instant) {
-        let Some(((leg, sample), (_, firmware))) =
-            self.leg.zip(self.telemetry.sample).zip(self.vehicle)
-        else {
-            return;
-        };
-        if self.phase != Phase::Leg {
-            return;
-        }
-        let known = if self.is_at_setpoints(firmware) {
-            // Not before the echo; the autopilot's clock may wrap.
-            let boot_ms = self.telemetry.boot_ms;
-            leg.final_sent
-                && leg
-                    .confirmed
-                    .is_some_and(|echo| boot_ms.wrapping_sub(echo) < u32::MAX / 2)
-        } else {
-            // A sample from after the tick is used even if the setpoint of the tick is sent later.
-            sample.time >= leg.end
-        };
-        if known {
-            self.finish_leg(now);
-        }
-    }
-
-    /// Returns whether the vehicle has the paper's kinematics: it is always at its last setpoint,
-    /// and confirms it.
-    fn is_at_setpoints(&self, firmware: Firmware) -> bool {
-        firmware.confirms_setpoints() && self.limits.is_ideal()
-    }
-
-    fn finish_leg(&mut self, now: Instant) {
-        let at_setpoint = self
-            .vehicle
-            .is_some_and(|(_, firmware)| self.is_at_setpoints(firmware));
-        let Some((leg, latest)) = self.leg.as_mut().zip(self.telemetry.sample) else {
-            return;
-        };
-        let fix = if at_setpoint {
-            // Such a vehicle does not move between setpoints: there is nothing to interpolate.
-            let sample = Sample {
-                time: leg.end,
-                ..latest
-            };
-            Some(Fix {
-                sample,
-                extrapolated: leg.confirmed.is_none(),
-            })
-        } else {
-            self.telemetry.fix(leg.end)
-        };
-        let Some(Fix {
-            sample,
-            extrapolated,
-        }) = fix
-        else {
-            return;
-        };
-        let length = (leg.waypoint - leg.from).norm();
-        let flown = (sample.position - leg.from).norm();
-        let clock = &self.telemetry.clock;
-        leg.ended = Some(LegEnd {
-            sample,
-            missed_m: (sample.position - leg.waypoint).norm(),
-            tick: Tick {
-                time: leg.end,
-                lateness: clock
-                    .vehicle_time(now)
-                    .map_or(Duration::ZERO, |t| t - leg.end),
-                extrapolated,
-                clock_rate: clock.rate() as f32,
-            },
-        });
-        // Extrapolated positions contain no new information, and an ideal vehicle has no lag.
-        if let Some(end) = leg.reference_end.filter(|_| !extrapolated && !at_setpoint) {
-            let speed_mps = end.velocity.norm();
-            // While the vehicle gains speed or turns, or flies slowly, or its simulator stalls, the
-            // lag is not what determines its position.
-            let stalled = self.telemetry.clock.last_stall() >= self.phase_since;
-            let cruises = end.acceleration.norm()
-                <= self.limits.acceleration_mps2 * T::of(CRUISING)
-                && speed_mps >= self.settings.transit_speed_mps * T::of(0.3)
-                && !stalled;
-            if core::mem::replace(&mut self.cruised, cruises) && cruises {
-                let behind = (end.position - sample.position).dot(&end.velocity);
-                let observed_s = behind / (speed_mps * speed_mps);
-                let most = T::of(LAG_MOST_S);
-                let error_s = observed_s - self.lag_s;
-                let gain = if error_s < T::zero() {
-                    LEAD_GAIN
-                } else {
-                    LAG_GAIN
-                };
-                let step = error_s * T::of(gain);
-                self.lag_s = (self.lag_s + step).min(most).max(-most);
-            }
-        }
-        let stuck = length > T::one() && flown < length * T::of(0.1);
-        self.ignored_legs = if stuck {
-            self.ignored_legs.saturating_add(1)
-        } else {
-            0
-        };
-        self.enter(now, Phase::LegEnded);
-        if self.ignored_legs >= self.settings.watch.ignored_legs {
-            self.fail(now, Cause::SetpointsIgnored);
-        }
     }
 }
