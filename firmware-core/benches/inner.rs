@@ -1,6 +1,6 @@
 //! Time of the slot solvers on this machine: `cargo bench -p firmware-core --bench inner`.
 //!
-//! Every figure includes taking in the gains and sorting them, and, where a whole slot is
+//! Every figure includes reading the gains and sorting them, and, where a whole slot is
 //! solved, all coefficients. Slots differ from one iteration to the next, so that no branch
 //! predictor learns them.
 
@@ -74,7 +74,7 @@ fn paper_size<T: Scalar>(criterion: &mut Criterion, precision: &str) {
     group.finish();
 }
 
-/// On the host, where the room is on the heap: `O(J log J)`.
+/// On the host, with the memory on the heap: `O(J log J)`.
 fn scaling(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("exact/scaling");
     for sensors in [

@@ -1,4 +1,4 @@
-//! Alg. 1 against the exact optimum, and the comparison schemes against theirs.
+//! Alg. 1 compared with the exact optimum, and the comparison schemes with their optima.
 
 mod random_slots;
 
@@ -103,7 +103,7 @@ fn alternating_approaches_the_optimum() {
     }
 }
 
-/// Cut off anywhere, the answer keeps the constraints and says so.
+/// An iteration that is stopped at any step keeps the constraints and reports the limit.
 #[test]
 fn a_cap_ends_the_iteration_with_a_usable_answer() {
     let mut random = generator(6);

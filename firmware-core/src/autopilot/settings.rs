@@ -139,13 +139,13 @@ pub enum SettingsError {
     NotPositive {
         /// The name of the setting.
         name: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: f64,
     },
     /// The setpoint interval is too short or too long for any autopilot.
     #[error("setpoint_interval is {micros} us; it must be from 50 000 to 200 000 us (5 to 20 Hz)")]
     SetpointInterval {
-        /// Its value, us.
+        /// The invalid value, us.
         micros: u64,
     },
     /// The start is not inside the fence.
@@ -161,7 +161,7 @@ pub enum SettingsError {
     Negative {
         /// The name of the setting.
         name: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: f64,
     },
     /// The flight altitude is above the fence's ceiling.

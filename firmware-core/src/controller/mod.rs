@@ -22,6 +22,7 @@
 //! (M + J)` gains of the channel model and one guarantee.
 
 mod aging;
+mod command_check;
 mod exchange;
 mod speed_estimator;
 
@@ -38,6 +39,7 @@ use crate::{
     units::PowerGain,
 };
 use aging::LastState;
+pub use command_check::CommandError;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
 use speed_estimator::SpeedEstimator;
 
@@ -446,7 +448,7 @@ mod tests {
         (missed_m, mission.has_arrived(&here))
     }
 
-    /// The shield learns on the way out how fast the vehicle is, and brings it home in time.
+    /// The shield learns during the mission how fast the vehicle is, and lets it arrive in time.
     #[test]
     fn a_vehicle_slower_than_promised_still_arrives() {
         for most_m in [30.0, 27.5, 26.0, 24.0] {

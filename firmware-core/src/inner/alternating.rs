@@ -21,7 +21,7 @@
 //! Worst case: `outer_max x inner_max` subproblems of `3 log2 J` comparisons, three quadratics
 //! and `J` terms of the stop rule; no allocation. Single precision suffices for Table I, but not
 //! where the user arrives below rounding of what the sensors can send: with `eta` fixed, its
-//! room `B` is a difference. The exact solver has no such difference.
+//! budget `B` is a difference. The exact solver has no such difference.
 
 use super::{
     LimitedBy, SlotError, Solution, Status, level::Level, level::SensorField, rate::rate_of_sinr,

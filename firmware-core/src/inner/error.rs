@@ -29,7 +29,7 @@ pub enum SlotError<T: fmt::Display> {
     OutOfRange {
         /// The name of the limit.
         field: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: T,
         /// The valid range.
         expected: &'static str,

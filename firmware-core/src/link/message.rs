@@ -45,7 +45,7 @@ pub const fn frame_max(users: usize, sensors: usize) -> usize {
 /// A message between the ground and the vehicle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
-#[allow(clippy::large_enum_variant)] // no allocator: every message takes the room of the largest
+#[allow(clippy::large_enum_variant)] // no allocator: every message has the size of the largest
 pub enum Message<T: Scalar, const M: usize, const J: usize> {
     /// To the vehicle: the channels of a slot, measured at the reported position.
     ChannelState(ChannelState<T, M, J>),

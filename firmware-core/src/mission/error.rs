@@ -62,7 +62,7 @@ pub enum MissionError<T: fmt::Display> {
     OutOfRange {
         /// The parameter.
         parameter: Parameter,
-        /// Its value.
+        /// The invalid value.
         value: T,
         /// The valid values, as text.
         expected: &'static str,

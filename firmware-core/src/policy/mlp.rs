@@ -134,7 +134,7 @@ pub enum LoadError {
     /// The reach is not a finite number above 0.
     #[error("reach_m is {value}, but must be a finite number above 0")]
     Reach {
-        /// Its value.
+        /// The invalid value.
         value: f32,
     },
     /// The file has too few or too many numbers.
@@ -150,7 +150,7 @@ pub enum LoadError {
     NotFinite {
         /// The index of the number.
         index: usize,
-        /// Its value.
+        /// The invalid value.
         value: f32,
     },
     /// The network does not reproduce its test vector.

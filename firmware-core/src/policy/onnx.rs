@@ -3,7 +3,7 @@
 //! The contract (`docs/training.md`): input `observation` f32\[1, M + 4\] in raw units, outputs
 //! `displacement` f32\[1, 2\] in metres and `user_scores` f32\[1, M\], normalizer and scaling in
 //! the graph; `metadata_props` with what it was trained for and a test vector. [`OnnxPolicy`]
-//! checks all of it when it loads, whoever wrote the file.
+//! checks all of it when it loads, also for files from other programs.
 //!
 //! In flight the input is written in place; an output that is not finite goes on to the shield,
 //! which replaces and reports it, and a displacement is cut at `V_max delta` per axis.
@@ -46,7 +46,7 @@ pub enum OnnxError {
     Metadata {
         /// The key of the entry.
         key: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: String,
         /// The valid values.
         expected: String,

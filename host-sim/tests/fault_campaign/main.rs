@@ -274,34 +274,10 @@ impl Campaign {
         };
         let p = self.mission.parameters();
         assert_eq!(command.slot, slot, "{}", context());
-
-        // Every number is one, and every limit is kept.
-        let numbers = [
-            command.user_power.0,
-            command.normalizing_factor,
-            command.rate,
-            command.mse,
-        ];
+        if let Err(error) = command.check(&self.mission) {
+            panic!("{error}: {}", context());
+        }
         let coefficients = &command.sensor_coefficients;
-        let finite = numbers
-            .iter()
-            .chain(coefficients)
-            .all(|x| x.is_finite() && *x >= 0.0);
-        assert!(finite, "{}", context());
-        assert!(command.user_power <= p.user_power_max, "{}", context());
-        assert!(
-            coefficients.iter().all(|b| b * b <= p.sensor_power_max.0),
-            "{}",
-            context()
-        );
-        assert_eq!(coefficients.len(), self.mission.sensor_count());
-        assert!(
-            command
-                .served_user
-                .is_none_or(|user| user < self.mission.user_count())
-        );
-        let silent = command.user_power.0 == 0.0;
-        assert!(silent || (command.status.is_feasible() && command.served_user.is_some()));
 
         // Where it came from is what arrived.
         let fresh = command.source == ChannelSource::Measured;

@@ -9,7 +9,7 @@ pub enum Finding {
     Clips {
         /// The name of the parameter.
         name: &'static str,
-        /// Its value, in its own unit.
+        /// The value, in the unit of the parameter.
         value: f32,
         /// What the mission needs, in the same unit.
         needed: f32,

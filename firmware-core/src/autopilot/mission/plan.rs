@@ -51,7 +51,7 @@ pub enum PlanError {
     NotPositive {
         /// The name of the value.
         name: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: f64,
     },
 }
