@@ -11,7 +11,7 @@ use super::phase::{Obstacle, Phase};
 use super::preflight::PreflightRefusal;
 use super::profile::{Firmware, Mode};
 use super::settings::{AutopilotSettings, SettingsError};
-use super::state::{ActiveLeg, Stream, Trial};
+use super::state::{ActiveLeg, LagEstimate, Stream, TakeoffSite, TelemetryRequests, Trial};
 use super::telemetry::{Sample, Telemetry};
 use super::wire::Address;
 use crate::scalar::Scalar;
@@ -32,12 +32,8 @@ pub struct Autopilot<T: Scalar> {
     pub(super) telemetry: Telemetry<T>,
     pub(super) heartbeat_due: Instant,
     pub(super) pending: Option<Pending>,
-    /// The next step within [`Phase::Checking`]: the telemetry to request next.
-    pub(super) subscribed: u8,
-    /// Telemetry that the autopilot refused for good: one bit for each step.
-    pub(super) refused_telemetry: u8,
-    /// The time of the last such request.
-    pub(super) subscribed_at: Instant,
+    /// The requests for telemetry of [`Phase::Checking`].
+    pub(super) requests: TelemetryRequests,
     pub(super) obstacle: Option<Obstacle>,
     pub(super) parameter_manager: ParameterManager,
     /// The limits of the vehicle: the settings' limits within those of the parameters.
@@ -47,34 +43,24 @@ pub struct Autopilot<T: Scalar> {
     pub(super) trial: Option<Trial<T>>,
     /// The limits that the vehicle's parameters impose.
     pub(super) parameter_limits: Limits<T>,
-    /// The time at which the origin of the local frame is requested next.
-    pub(super) origin_due: Instant,
     pub(super) launch: bool,
     /// The command of the present phase: the time of the request, and whether it was accepted.
     pub(super) asked: Option<(Instant, bool)>,
     /// The vehicle has been in the air.
     pub(super) flown: bool,
-    /// The height of the place of take-off above the origin of the autopilot's local frame, which
-    /// may be elsewhere, for example where the estimator started.
-    pub(super) ground_m: T,
     /// The mode that we set and that a heartbeat has confirmed.
     pub(super) holds: Option<Mode>,
     /// The command that started the landing.
     pub(super) landing_by: Option<Request>,
+    pub(super) site: TakeoffSite<T>,
     pub(super) stream: Option<Stream<T>>,
-    /// The time by which the vehicle follows the reference late, s; negative where it is early. It
-    /// is estimated from tick to tick, and the reference is moved ahead by it.
-    pub(super) lag_s: T,
-    /// The last leg neither gained nor lost speed.
-    pub(super) cruised: bool,
+    pub(super) lag: LagEstimate<T>,
     pub(super) leg: Option<ActiveLeg<T>>,
     pub(super) ignored_legs: u8,
     pub(super) ground_heard: Option<Instant>,
     pub(super) fault: Option<Cause>,
     /// The reason why the start was refused.
     pub(super) refusal: Option<PreflightRefusal>,
-    /// The distance of the vehicle to the geofence before take-off where it stood outside, m.
-    pub(super) stood_outside_m: T,
     pub(super) silent: bool,
     /// Parameters are restored even if the motors turn.
     pub(super) restore_now: bool,
@@ -101,27 +87,22 @@ impl<T: Scalar> Autopilot<T> {
             telemetry: Telemetry::new(),
             heartbeat_due: Instant::ZERO,
             pending: None,
-            subscribed: 0,
-            refused_telemetry: 0,
-            subscribed_at: Instant::ZERO,
+            requests: TelemetryRequests::default(),
             obstacle: None,
             parameter_manager: ParameterManager::default(),
-            origin_due: Instant::ZERO,
             launch: false,
             asked: None,
             flown: false,
-            ground_m: T::zero(),
             holds: None,
             landing_by: None,
+            site: TakeoffSite::new(),
             stream: None,
-            lag_s: T::zero(),
-            cruised: false,
+            lag: LagEstimate::new(),
             leg: None,
             ignored_legs: 0,
             ground_heard: None,
             fault: None,
             refusal: None,
-            stood_outside_m: T::zero(),
             silent: false,
             restore_now: false,
             events: Events::default(),
@@ -313,7 +294,7 @@ impl<T: Scalar> Autopilot<T> {
             // A vehicle that follows late reaches the waypoint in time if the reference is ahead.
             let way = leg.waypoint - sample.position;
             let slot_s = T::of((leg.end - sample.time).as_secs_f64());
-            let aim = leg.waypoint + way * (self.lag_s / slot_s.max(self.lag_s.abs()));
+            let aim = leg.waypoint + way * (self.lag.time_s / slot_s.max(self.lag.time_s.abs()));
             if !self.limits.is_ideal() {
                 let speed_mps = self.settings.transit_speed_mps * T::of(LEG_SPEED);
                 stream.guide.set_limits(Limits {

@@ -103,18 +103,18 @@ impl<T: Scalar> Autopilot<T> {
                 <= self.limits.acceleration_mps2 * T::of(CRUISING)
                 && speed_mps >= self.settings.transit_speed_mps * T::of(0.3)
                 && !stalled;
-            if core::mem::replace(&mut self.cruised, cruises) && cruises {
+            if core::mem::replace(&mut self.lag.cruised, cruises) && cruises {
                 let behind = (end.position - sample.position).dot(&end.velocity);
                 let observed_s = behind / (speed_mps * speed_mps);
                 let most = T::of(LAG_MOST_S);
-                let error_s = observed_s - self.lag_s;
+                let error_s = observed_s - self.lag.time_s;
                 let gain = if error_s < T::zero() {
                     LEAD_GAIN
                 } else {
                     LAG_GAIN
                 };
                 let step = error_s * T::of(gain);
-                self.lag_s = (self.lag_s + step).min(most).max(-most);
+                self.lag.time_s = (self.lag.time_s + step).min(most).max(-most);
             }
         }
         let stuck = length > T::one() && flown < length * T::of(0.1);

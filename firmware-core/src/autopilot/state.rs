@@ -42,3 +42,56 @@ pub(super) struct Trial<T: Scalar> {
     /// The largest measured speed, m/s.
     pub(super) reached_mps: T,
 }
+
+/// The requests for telemetry of [`Phase::Checking`](super::phase::Phase::Checking).
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct TelemetryRequests {
+    /// The next step: the telemetry to request next.
+    pub(super) step: u8,
+    /// Telemetry that the autopilot refused for good: one bit for each step.
+    pub(super) refused: u8,
+    /// The time of the last request.
+    pub(super) sent_at: Instant,
+    /// The time at which the origin of the local frame is requested next.
+    pub(super) origin_due: Instant,
+}
+
+/// The place of take-off, recorded before the motors are armed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TakeoffSite<T: Scalar> {
+    /// The height of the place of take-off above the origin of the autopilot's local frame, which
+    /// may be elsewhere, for example where the estimator started.
+    pub(super) altitude_m: T,
+    /// The distance of the vehicle to the geofence before take-off where it stood outside, m.
+    pub(super) outside_fence_m: T,
+}
+
+impl<T: Scalar> TakeoffSite<T> {
+    /// Returns a place at the origin of the local frame, inside the geofence.
+    pub(super) fn new() -> Self {
+        Self {
+            altitude_m: T::zero(),
+            outside_fence_m: T::zero(),
+        }
+    }
+}
+
+/// The lag of the vehicle behind the reference.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LagEstimate<T: Scalar> {
+    /// The time by which the vehicle follows the reference late, s; negative where it is early. It
+    /// is estimated from tick to tick, and the reference is moved ahead by it.
+    pub(super) time_s: T,
+    /// The last leg neither gained nor lost speed.
+    pub(super) cruised: bool,
+}
+
+impl<T: Scalar> LagEstimate<T> {
+    /// Returns the estimate before the first leg.
+    pub(super) fn new() -> Self {
+        Self {
+            time_s: T::zero(),
+            cruised: false,
+        }
+    }
+}

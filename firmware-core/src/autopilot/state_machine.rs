@@ -185,19 +185,19 @@ impl<T: Scalar> Autopilot<T> {
     fn check(&mut self, now: Instant, firmware: Firmware) {
         let obstacle = self.look_for_obstacle(now);
         if self.pending.is_none() {
-            while self.refused_telemetry & (1 << self.subscribed) != 0 {
-                self.subscribed += 1;
+            while self.requests.refused & (1 << self.requests.step) != 0 {
+                self.requests.step += 1;
             }
-            let next = self.subscription(self.subscribed, firmware);
+            let next = self.subscription(self.requests.step, firmware);
             if let Some(request) = next {
                 self.pending = Some(Pending::new(now, request));
-                self.subscribed += 1;
-                self.subscribed_at = now;
-            } else if obstacle.is_some() && now - self.subscribed_at > RESUBSCRIBE {
-                self.subscribed = 0;
-            } else if obstacle == Some(Obstacle::NoOrigin) && now >= self.origin_due {
+                self.requests.step += 1;
+                self.requests.sent_at = now;
+            } else if obstacle.is_some() && now - self.requests.sent_at > RESUBSCRIBE {
+                self.requests.step = 0;
+            } else if obstacle == Some(Obstacle::NoOrigin) && now >= self.requests.origin_due {
                 // The answer is the message itself; an acknowledgement alone is not sufficient.
-                self.origin_due = now + ORIGIN_INTERVAL;
+                self.requests.origin_due = now + ORIGIN_INTERVAL;
                 self.pending = Some(Pending::new(
                     now,
                     Request::Message {
@@ -254,14 +254,14 @@ impl<T: Scalar> Autopilot<T> {
     /// Records the position of the vehicle on the ground, from which heights are measured.
     fn note_ground(&mut self) {
         if let Some(sample) = self.telemetry.sample {
-            self.ground_m = sample.altitude_m;
-            self.stood_outside_m = self.outside_fence_m();
+            self.site.altitude_m = sample.altitude_m;
+            self.site.outside_fence_m = self.outside_fence_m();
         }
     }
 
     /// Returns the height of a sample above the place of take-off, m.
     pub(super) fn height_m(&self, sample: &Sample<T>) -> T {
-        sample.altitude_m - self.ground_m
+        sample.altitude_m - self.site.altitude_m
     }
 
     /// Starts to stream a setpoint at the vehicle's present position.
@@ -347,7 +347,7 @@ impl<T: Scalar> Autopilot<T> {
                 && answer != MavResult::MAV_RESULT_TEMPORARILY_REJECTED
                 && matches!(request, Request::MessageInterval { .. })
             {
-                self.refused_telemetry |= 1 << self.subscribed.saturating_sub(1);
+                self.requests.refused |= 1 << self.requests.step.saturating_sub(1);
             }
             return;
         }

@@ -48,7 +48,7 @@ impl<T: Scalar> Autopilot<T> {
         // A vehicle that took off outside the fence may enter it from there.
         let mut margin_m = watch.fence_margin_m;
         if matches!(self.phase, Phase::Transit | Phase::Trial) {
-            margin_m += self.stood_outside_m;
+            margin_m += self.site.outside_fence_m;
         }
         let outside =
             self.settings

@@ -224,7 +224,7 @@ impl<T: Scalar> Autopilot<T> {
             | PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE;
         // Above the place of take-off, as the autopilot's home is, and above the local origin.
         let height = altitude.to_f64() as f32;
-        let altitude = (altitude + self.ground_m).to_f64() as f32;
+        let altitude = (altitude + self.site.altitude_m).to_f64() as f32;
         let climb = climb.to_f64() as f32;
         // The vehicle's clock, so that a log shows setpoint and motion on the same time axis.
         let time_boot_ms = vehicle_now.millis_wrapping();

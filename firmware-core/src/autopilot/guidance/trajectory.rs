@@ -28,18 +28,26 @@ const HALVINGS: usize = 9;
 /// remaining distance that is corrected within a slot.
 ///
 /// Every waypoint is planned from the vehicle's present position. Perpendicular to the direction of
-/// the waypoints, the velocity then satisfies `v_n = (FEEDFORWARD / 2) (v_{n-1} + v_{n-2}) -
-/// CORRECTION v_{n-1}`, and about a place to hover at, with the error `e`, `v_n = (1 - FEEDFORWARD
-/// + CORRECTION) e - CORRECTION v_{n-1}`: both decay by a factor of two or more a slot. (With 1 and
-/// 1 the first has the root -1 and oscillates for ever. Without feedforward a fast vehicle
-/// overshoots a place to hover at repeatedly.)
+/// the waypoints, the velocity then satisfies
+///
+/// ```text
+/// v_n = (FEEDFORWARD / 2) (v_{n-1} + v_{n-2}) - CORRECTION v_{n-1}
+/// ```
+///
+/// and about a place to hover at, with the error `e`,
+///
+/// ```text
+/// v_n = (1 - FEEDFORWARD + CORRECTION) e - CORRECTION v_{n-1}
+/// ```
+///
+/// Both decay by a factor of two or more a slot. (With 1 and 1 the first has the root -1 and
+/// oscillates for ever. Without feedforward a fast vehicle overshoots a place to hover at
+/// repeatedly.)
 const FEEDFORWARD: f64 = 0.3;
-
 const CORRECTION: f64 = 0.35;
 
 /// The number of durations that are tried for a stop, and the factor between them.
 const STOPS: usize = 20;
-
 const STOP_GROWTH: f64 = 1.04;
 
 impl<T: Scalar> Trajectory<T> {
