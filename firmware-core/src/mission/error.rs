@@ -6,25 +6,42 @@ use serde::{Deserialize, Serialize};
 
 /// The parameter that an error concerns. [`fmt::Display`] prints its name in the scenario file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[allow(missing_docs)] // the names are the parameters'
 pub enum Parameter {
+    /// `N`, the number of slots.
     Slots,
+    /// `delta`, the duration of a slot.
     SlotDuration,
+    /// `q_o`, the start.
     Start,
+    /// `q_f`, the destination.
     Destination,
+    /// `Lambda`, the area.
     Area,
+    /// `H`, the altitude.
     Altitude,
+    /// `V_max`, the largest speed.
     MaxSpeed,
+    /// `f_c`, the carrier frequency.
     Carrier,
+    /// `sigma^2`, the noise power.
     NoisePower,
+    /// `A` of eq:plos.
     EnvironmentA,
+    /// `B` of eq:plos.
     EnvironmentB,
+    /// `mu_LoS`, the excess loss with line of sight.
     ExcessLossLos,
+    /// `mu_NLoS`, the excess loss without line of sight.
     ExcessLossNlos,
+    /// `Gamma`, the largest admissible MSE.
     MseThreshold,
+    /// `p_b^max`, the peak power of a sensor.
     SensorPowerMax,
+    /// `p^max`, the peak power of a user.
     UserPowerMax,
+    /// `u_m`, the position of the user with this index.
     UserPosition(usize),
+    /// `v_j`, the position of the sensor with this index.
     SensorPosition(usize),
 }
 
