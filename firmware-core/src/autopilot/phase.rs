@@ -11,7 +11,7 @@ pub enum Phase {
     Connecting,
     /// The client waits for a position estimate and the autopilot's own pre-arm checks.
     Checking,
-    /// All checks passed; the client waits for [`Autopilot::launch`].
+    /// All checks passed; the client waits for [`Autopilot::launch`](super::Autopilot::launch).
     Standby,
     /// The client requests the mode that follows setpoints.
     TakingControl,

@@ -38,7 +38,7 @@ pub enum Status<T> {
         /// The smallest MSE that these channels allow.
         least_mse: T,
     },
-    /// An iteration that converged ([`alternating`]): all constraints hold, the rate may be below
+    /// An iteration that converged ([`alternating`](super::alternating)): all constraints hold, the rate may be below
     /// the optimum.
     Converged {
         /// What limits the rate.
@@ -50,7 +50,7 @@ pub enum Status<T> {
         /// What limits the rate.
         limited_by: LimitedBy,
     },
-    /// Gains were known within bounds only ([`bounded`]): all constraints hold for every gain
+    /// Gains were known within bounds only ([`bounded`](super::bounded)): all constraints hold for every gain
     /// within the bounds.
     Guaranteed {
         /// What limits the rate.

@@ -18,7 +18,7 @@ pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
 
 /// Returns the length of the longest frame for up to so many users and sensors, in double
 /// precision, delimiters included. Whether every message fits is checked at compile time: see
-/// [`encode`].
+/// [`encode`](super::encode).
 pub const fn frame_max(users: usize, sensors: usize) -> usize {
     // postcard: integers in groups of 7 bits, enumerations and lengths as integers.
     const REAL: usize = 8;

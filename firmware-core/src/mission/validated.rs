@@ -13,7 +13,7 @@ use crate::{
     scalar::{Position, Scalar},
 };
 
-/// A valid mission. The [module](self) states what that guarantees.
+/// A valid mission. The [module](super) states what that guarantees.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(
     bound = "T: Scalar",

@@ -23,7 +23,7 @@
 //!
 //! [`Planner::restart`] continues from any state: slot, measured position, slots served so far and
 //! reach. [`Planner::change_mission`] takes over changes of users, sensors, threshold, noise or
-//! speed. Both keep the prices and as much of the old plan as stays feasible. As a [`Policy`], the
+//! speed. Both keep the prices and as much of the old plan as stays feasible. As a [`Policy`](crate::policy::Policy), the
 //! planner follows its plan, corrected for the vehicle's position; the [shield](crate::shield)
 //! still checks every action.
 //!

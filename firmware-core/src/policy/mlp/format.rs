@@ -158,7 +158,7 @@ pub enum WriteError {
 }
 
 /// Writes a policy file into `file` and returns its length. `numbers` are in the order of the
-/// [module's](self) table.
+/// [module's](super) table.
 ///
 /// # Errors
 /// Returns an error if the header is invalid, if the number of numbers is wrong, or if the buffer
