@@ -1,6 +1,6 @@
 //! Time of the slot solvers on this machine: `cargo bench -p firmware-core --bench inner`.
 //!
-//! Every figure includes taking in the gains and sorting them, and, where a whole slot is
+//! Every figure includes reading the gains and sorting them, and, where a whole slot is
 //! solved, all coefficients. Slots differ from one iteration to the next, so that no branch
 //! predictor learns them.
 
@@ -12,7 +12,7 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use firmware_core::{
     PowerGain, Scalar,
-    inner::{PrefixSum, SensorField, SlotLimits, Workspace, alternating::Settings},
+    inner::{PrefixSum, SensorField, SlotLimits, Workspace, alternating::AlternatingSettings},
 };
 use random_slots::{Problem, generator, log_uniform};
 
@@ -74,7 +74,7 @@ fn paper_size<T: Scalar>(criterion: &mut Criterion, precision: &str) {
     group.finish();
 }
 
-/// On the host, where the room is on the heap: `O(J log J)`.
+/// On the host, with the memory on the heap: `O(J log J)`.
 fn scaling(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("exact/scaling");
     for sensors in [
@@ -118,9 +118,9 @@ fn alternating(criterion: &mut Criterion) {
     }
     let mut group = criterion.benchmark_group("alternating");
     for tolerance in [1e-3, 1e-6] {
-        let settings = Settings {
+        let settings = AlternatingSettings {
             tolerance,
-            ..Settings::default()
+            ..AlternatingSettings::default()
         };
         let mut next = (0..DISTINCT).cycle();
         group.bench_function(BenchmarkId::new("slot, J = 36, xi", tolerance), |bencher| {

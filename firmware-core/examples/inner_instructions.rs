@@ -76,7 +76,7 @@ fn main() -> ExitCode {
         "exact-f32" => solve::<f32>(&Method::Exact, count),
         "rates-f64" => rates(count),
         "alternating-f64" => solve::<f64>(
-            &Method::Alternating(alternating::Settings::default()),
+            &Method::Alternating(alternating::AlternatingSettings::default()),
             count,
         ),
         _ => {

@@ -1,4 +1,4 @@
-//! Over-the-air computation in one slot: mean-square error, rate and normalising factor, each
+//! Over-the-air computation in one slot: mean-square error, rate and normalizing factor, each
 //! as the paper prints it, for any powers and coefficients.
 //!
 //! The received signal is eq:yr; the average is estimated as `F-hat = eta s-hat / J` (eq:Fhat).
@@ -11,21 +11,22 @@
 //! eta = sum_j y_j / (sum_j y_j^2 + q + sigma^2)                      eq:eta_, least MSE
 //! ```
 //!
-//! These functions are the yardstick: solvers work with other forms, and are held against these.
+//! These functions are the reference implementation: solvers work with other forms and are tested
+//! against these.
 
 use crate::{
     scalar::Scalar,
     units::{PowerGain, Watt},
 };
 
-/// A slot as the receiver sees it: what arrives from every sensor and from the user.
+/// A slot as the receiver observes it: the signals that arrive from every sensor and from the user.
 #[derive(Clone, Copy, Debug)]
 pub struct Slot<'a, T> {
     /// `|h_j|^2` of every sensor; its length is `J`.
     pub sensor_gains: &'a [PowerGain<T>],
-    /// `|b_j|`, square root of watts; as many as sensors.
+    /// `|b_j|`, square root of watts; one per sensor.
     pub sensor_coefficients: &'a [T],
-    /// `|g|^2` of the served user; anything when nobody is served and the power is 0.
+    /// `|g|^2` of the served user; any value where no user is served and the power is 0.
     pub user_gain: PowerGain<T>,
     /// `p`, the served user's power.
     pub user_power: Watt<T>,
@@ -34,7 +35,7 @@ pub struct Slot<'a, T> {
 }
 
 impl<T: Scalar> Slot<'_, T> {
-    /// `y_j = |b_j h_j|`: the amplitudes that arrive, square root of watts.
+    /// Returns `y_j = |b_j h_j|`, the received amplitudes, square root of watts.
     fn amplitudes(&self) -> impl Iterator<Item = T> + '_ {
         self.sensor_gains
             .iter()
@@ -42,38 +43,39 @@ impl<T: Scalar> Slot<'_, T> {
             .map(|(gain, &coefficient)| coefficient * gain.amplitude())
     }
 
-    /// `q = |g|^2 p`, watts.
+    /// Returns `q = |g|^2 p`, watts.
     fn user_signal_w(&self) -> T {
         self.user_gain.0 * self.user_power.0
     }
 
-    /// `sum_j |b_j h_j|^2 + sigma^2`: what disturbs the user, watts.
+    /// Returns `sum_j |b_j h_j|^2 + sigma^2`, the interference and noise that the user's signal
+    /// competes with, watts.
     fn disturbance_w(&self) -> T {
         self.amplitudes()
             .fold(self.noise_power.0, |sum, y| sum + y * y)
     }
 
-    /// The normalising factor of least MSE (eq:eta_), one over square root of watts.
+    /// Returns the normalizing factor of least MSE (eq:eta_), one over square root of watts.
     pub fn normalizing_factor(&self) -> T {
         let sum = self.amplitudes().fold(T::zero(), |sum, y| sum + y);
         sum / (self.disturbance_w() + self.user_signal_w())
     }
 
-    /// The MSE of the average at a given `eta` (second line of the derivation after eq:md).
+    /// Returns the MSE of the average at a given `eta` (second line of the derivation after eq:md).
     pub fn mse(&self, normalizing_factor: T) -> T {
         let noise_w = self.user_signal_w() + self.noise_power.0;
         mse(self.amplitudes(), noise_w, normalizing_factor)
     }
 
-    /// The served user's rate (eq:rate), bit/s/Hz.
+    /// Returns the served user's rate (eq:rate), bit/s/Hz.
     pub fn rate(&self) -> T {
         let sinr = self.user_signal_w() / self.disturbance_w();
         sinr.ln_1p() * T::of(core::f64::consts::LOG2_E)
     }
 }
 
-/// The MSE of an average of sensors that arrive with the amplitudes `y_j` (square root of watts)
-/// beside `q + sigma^2` watts of everything else, at a given `eta`.
+/// Returns the MSE of an average of sensors whose signals arrive with the amplitudes `y_j` (square
+/// root of watts), beside `q + sigma^2` watts of other signals and noise, at a given `eta`.
 pub fn mse<T: Scalar>(amplitudes: impl Iterator<Item = T>, noise_w: T, normalizing_factor: T) -> T {
     let eta = normalizing_factor;
     let (misalignment, sensors) = amplitudes.fold((T::zero(), 0), |(sum, sensors), y| {

@@ -8,9 +8,9 @@
 //! P_LoS = 1 / (1 + A exp(-B (180/pi asin(H/d) - A)))
 //! ```
 //!
-//! The logarithm and the power of ten cancel in the first term, so a gain costs one `sqrt`,
-//! one `asin` and two `exp`: `(c / (4 pi f_c d))^2 * exp(-ln10/10 * loss)`.
-//! The gain falls strictly with horizontal distance; the certified bound rests on that.
+//! The logarithm and the power of ten cancel in the first term, so a gain costs one `sqrt`, one
+//! `asin` and two `exp`: `(c / (4 pi f_c d))^2 * exp(-ln10/10 * loss)`. The gain decreases strictly
+//! with horizontal distance; the certified bound relies on that.
 
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +23,7 @@ use crate::{
 /// Speed of light, m/s.
 pub const SPEED_OF_LIGHT_MPS: f64 = 299_792_458.0;
 
-/// The channel's constants, prepared for fast evaluation.
+/// The constants of the channel, prepared for fast evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelModel<T> {
     altitude_m: T,
@@ -34,7 +34,7 @@ pub struct ChannelModel<T> {
 }
 
 impl<T: Scalar> ChannelModel<T> {
-    /// The channel of a mission.
+    /// Creates the channel model of a mission.
     pub fn new<const M: usize, const J: usize>(p: &MissionParameters<T, M, J>) -> Self {
         let wavelength_4pi =
             T::of(SPEED_OF_LIGHT_MPS / (4.0 * core::f64::consts::PI)) / p.carrier_hz;
@@ -46,12 +46,12 @@ impl<T: Scalar> ChannelModel<T> {
         }
     }
 
-    /// Distance from a vehicle over `vehicle` to the ground at `ground`, metres.
+    /// Returns the distance from a vehicle over `vehicle` to the ground at `ground`, metres.
     pub fn distance_m(&self, vehicle: &Position<T>, ground: &Position<T>) -> T {
         ((vehicle - ground).norm_squared() + self.altitude_m * self.altitude_m).sqrt()
     }
 
-    /// `P_LoS` (eq:plos) at distance `distance_m >= H`.
+    /// Returns `P_LoS` (eq:plos) at distance `distance_m >= H`.
     pub fn line_of_sight_probability(&self, distance_m: T) -> T {
         let Environment { a, b } = self.environment;
         let elevation_deg = (self.altitude_m / distance_m).min(T::one()).asin()
@@ -59,32 +59,32 @@ impl<T: Scalar> ChannelModel<T> {
         T::one() / (T::one() + a * (-b * (elevation_deg - a)).exp())
     }
 
-    /// `G` (eq:gain), decibels, at distance `distance_m >= H`.
+    /// Returns `G` (eq:gain), decibels, at distance `distance_m >= H`.
     pub fn path_loss_db(&self, distance_m: T) -> T {
         let decade = T::of(10.0);
         decade * (distance_m * distance_m / self.free_space_m2).log10()
             + self.excess_loss_db(distance_m)
     }
 
-    /// `|g|^2` (eq:gmn, read as a power gain) between a vehicle over `vehicle` and the ground
-    /// at `ground`.
+    /// Returns `|g|^2` (eq:gmn, read as a power gain) between a vehicle over `vehicle` and the
+    /// ground at `ground`.
     pub fn power_gain(&self, vehicle: &Position<T>, ground: &Position<T>) -> PowerGain<T> {
         self.power_gain_at(self.distance_m(vehicle, ground))
     }
 
-    /// `|g|^2` across a horizontal distance.
+    /// Returns `|g|^2` across a horizontal distance.
     pub fn power_gain_across(&self, horizontal_m: T) -> PowerGain<T> {
         let square = horizontal_m * horizontal_m + self.altitude_m * self.altitude_m;
         self.power_gain_at(square.sqrt())
     }
 
-    /// `|g|^2` at distance `distance_m >= H`.
+    /// Returns `|g|^2` at distance `distance_m >= H`.
     pub fn power_gain_at(&self, distance_m: T) -> PowerGain<T> {
         let nepers = self.excess_loss_db(distance_m) * T::of(-core::f64::consts::LN_10 / 10.0);
         PowerGain(self.free_space_m2 / (distance_m * distance_m) * nepers.exp())
     }
 
-    /// `P_LoS mu_LoS + P_NLoS mu_NLoS`, decibels.
+    /// Returns `P_LoS mu_LoS + P_NLoS mu_NLoS`, decibels.
     fn excess_loss_db(&self, distance_m: T) -> T {
         let ExcessLoss { los, nlos } = self.excess_loss_db;
         nlos + (los - nlos) * self.line_of_sight_probability(distance_m)

@@ -1,14 +1,14 @@
-//! The console: a board's third serial line, over which somebody tells it what to fly.
+//! The console: a board's third serial line, which carries the orders for a flight.
 //!
-//! An image holds no mission. Before a flight it takes an [`Order`]: the mission, the vehicle's
-//! limits, who decides and whose clock counts. It answers [`Report::Ready`], or refuses and says
-//! why; then it flies. Frames are those of the [ground link](crate::link) under a version of their
-//! own, always in single precision.
+//! A board's image contains no mission. Before a flight the board receives a [`MissionOrder`] with
+//! the mission, the vehicle's limits, the policy and the clock to use. It answers
+//! [`BoardReport::Ready`] and flies, or refuses and gives the reason. Frames are those of the
+//! [ground link](crate::link) under a version of their own, always in single precision.
 //!
-//! # Whose clock
+//! # The clock
 //!
-//! In the air the board's own timer counts. On a bench ([`Clock::Console`]) time comes over the
-//! console, so that board and world stay in step however fast either computes:
+//! In the air the board's own timer is used. On a test bench ([`Clock::Console`]) the time is sent
+//! over the console, so that board and simulated world stay in step however fast either computes:
 //!
 //! ```text
 //! bench                                             board
@@ -18,8 +18,8 @@
 //!                                            <-------  Tock { ground_bytes, mavlink_bytes, .. }
 //! ```
 //!
-//! The three lines are not ordered among one another; the counts make them so. A flight on a
-//! bench is therefore the same, byte for byte, each time.
+//! The three lines are not ordered relative to one another; the byte counts order them. A flight on
+//! a bench is therefore the same, byte for byte, each time.
 
 use heapless::String;
 use serde::{Deserialize, Serialize};
@@ -27,67 +27,67 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Mission, SENSORS_MAX, USERS_MAX,
     autopilot::{
-        Autopilot, Geofence, Phase, Settings, SettingsError, failsafe::Watch, frames::Geodetic,
-        guidance::Limits, preflight::Preflight,
+        Autopilot, AutopilotSettings, Geofence, Phase, SettingsError, failsafe::Watch,
+        frames::Geodetic, guidance::Limits, preflight::Preflight,
     },
     controller::Controller,
     link::{self, Decoder, FrameError, FrameTooLong},
     mission::{MissionError, MissionParameters},
     onboard::{self, Onboard, Stage},
-    policy::{Action, Misfit, Observation, Policy, StraightLine, mlp::Mlp},
+    policy::{Action, Observation, Policy, PolicyMismatch, StraightLine, mlp::Mlp},
     scalar::{Position, Scalar},
     time::{Duration, Instant},
 };
 
-/// The version of the console's messages. Any change of one is a new one.
+/// The version of the console's messages. Any change of a message needs a new version.
 pub const CONSOLE_VERSION: u8 = 129;
 
-/// The longest frame: an order with as many users and sensors as there may be.
+/// The length of the longest frame: an order with the largest number of users and sensors.
 pub const CONSOLE_FRAME_MAX: usize = 832;
 
-/// The longest line of text.
+/// The length of the longest text.
 pub const TEXT_MAX: usize = 120;
 
 /// A mission in the board's precision.
 pub type BoardMission = Mission<f32, USERS_MAX, SENSORS_MAX>;
 
-/// The onboard computer of a board whose policy lies in its flash.
+/// The onboard computer of a board with its policy in flash.
 pub type BoardComputer<B> = Onboard<f32, BoardPolicy<B>, USERS_MAX, SENSORS_MAX>;
 
-/// Who decides.
+/// The policy that a board uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Decider {
+pub enum PolicyKind {
     /// The trained policy in the board's flash.
     Trained,
-    /// Straight to the destination, nearest user.
+    /// Straight to the destination, serving the nearest user.
     StraightLine,
 }
 
-/// Whose clock counts.
+/// The clock that a board uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Clock {
     /// The board's own timer.
     Board,
-    /// Time comes in [`Tick`]s.
+    /// The time sent in [`Tick`]s.
     Console,
 }
 
-/// All that a board is told before a flight.
+/// Everything that a board needs to know for a flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Order {
-    /// What to fly, not yet checked.
+pub struct MissionOrder {
+    /// The mission, not yet checked.
     pub mission: MissionParameters<f32, USERS_MAX, SENSORS_MAX>,
-    /// Where the map's origin lies on Earth.
+    /// The position of the map's origin on Earth.
     pub map_origin: Geodetic,
-    /// What the vehicle can do.
+    /// The limits of the vehicle.
     pub limits: Limits<f32>,
-    /// Where it may be sent.
+    /// The geofence that the vehicle must stay in.
     pub geofence: Option<Geofence<f32>>,
-    /// How long the ground may be silent before the vehicle is landed.
+    /// The longest silence of the ground; the vehicle is landed after it.
     pub ground_patience: Option<Duration>,
-    /// Who decides.
-    pub decider: Decider,
-    /// Whose clock counts.
+    /// The policy to use.
+    pub policy_kind: PolicyKind,
+    /// The clock to use.
     pub clock: Clock,
 }
 
@@ -102,120 +102,123 @@ pub struct Tick {
     pub mavlink_bytes: u32,
 }
 
-/// What a board did in a round.
+/// The result of one round on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tock {
-    /// Bytes that it sent over the ground link so far, modulo 2^32.
+    /// Bytes that the board sent over the ground link so far, modulo 2^32.
     pub ground_bytes: u32,
-    /// Bytes that it sent over MAVLink so far, modulo 2^32.
+    /// Bytes that the board sent over MAVLink so far, modulo 2^32.
     pub mavlink_bytes: u32,
-    /// Where in the mission it is.
+    /// The stage of the mission.
     pub stage: Stage,
-    /// Where in the flight its MAVLink client is.
+    /// The phase of the MAVLink client.
     pub phase: Phase,
-    /// Where it measured itself to be, and how high: metres.
+    /// The measured position and altitude, metres.
     pub place: Option<(Position<f32>, f32)>,
-    /// What this round cost.
+    /// The computing time of this round.
     pub cost: Cost,
 }
 
-/// Time on the board's clock, nanoseconds.
+/// Computing times on the board's clock, nanoseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cost {
-    /// All of it.
+    /// The whole round.
     pub round_ns: u32,
-    /// Of that, planning; 0 where no slot was planned.
+    /// The part spent planning; 0 where no slot was planned.
     pub plan_ns: u32,
-    /// Of that, allocating; 0 where no slot was allocated.
+    /// The part spent allocating; 0 where no slot was allocated.
     pub allocate_ns: u32,
 }
 
-/// What lies in a board's memory.
+/// The use of a board's memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Footprint {
-    /// The most stack that was ever in use, bytes.
+    /// The largest use of the stack so far, bytes.
     pub stack_bytes: u32,
-    /// The onboard computer itself, bytes.
+    /// The size of the onboard computer itself, bytes.
     pub computer_bytes: u32,
-    /// Bytes that came in and had no room.
+    /// Received bytes that were lost because a buffer was full.
     pub lost_bytes: u32,
-    /// Frames to send that had no room.
+    /// Frames that were not sent because a buffer was full.
     pub unsent_frames: u32,
 }
 
-/// To the board.
+/// A message to the board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant)] // no allocator
 pub enum Call {
-    /// Fly this.
-    Order(Order),
-    /// On a bench: a moment of time.
+    /// An order to fly a mission.
+    Order(MissionOrder),
+    /// On a bench: the present time.
     Tick(Tick),
-    /// Land: a person asks for it.
+    /// A person asks the vehicle to land.
     Stop,
-    /// Say what lies in memory.
+    /// A request for the use of memory.
     Footprint,
 }
 
-/// From the board.
+/// A message from the board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Report {
-    /// The order was taken.
+pub enum BoardReport {
+    /// The order was accepted.
     Ready,
-    /// It was not, and why; another may follow.
+    /// The order was refused for this reason; another may follow.
     Refused(String<TEXT_MAX>),
     /// A round is done.
     Tock(Tock),
-    /// Something happened, in words.
+    /// A description of an event.
     Event(String<TEXT_MAX>),
-    /// The mission was broken off, and why.
+    /// The mission was aborted for this reason.
     BrokenOff(String<TEXT_MAX>),
-    /// What was asked.
+    /// The use of memory.
     Footprint(Footprint),
 }
 
 /// Writes a call as a frame.
 ///
 /// # Errors
-/// It does not fit; [`CONSOLE_FRAME_MAX`] bytes always suffice.
+/// Returns an error if the frame does not fit; [`CONSOLE_FRAME_MAX`] bytes always suffice.
 pub fn encode_call<'f>(call: &Call, frame: &'f mut [u8]) -> Result<&'f [u8], FrameTooLong> {
     link::seal::<CONSOLE_FRAME_MAX>(CONSOLE_VERSION, call, frame)
 }
 
-/// The longest frame of a [`Report`].
+/// The length of the longest frame of a [`BoardReport`].
 pub const REPORT_FRAME_MAX: usize = 160;
 
 /// Writes a report as a frame.
 ///
 /// # Errors
-/// It does not fit; [`REPORT_FRAME_MAX`] bytes always suffice.
-pub fn encode_report<'f>(report: &Report, frame: &'f mut [u8]) -> Result<&'f [u8], FrameTooLong> {
+/// Returns an error if the frame does not fit; [`REPORT_FRAME_MAX`] bytes always suffice.
+pub fn encode_report<'f>(
+    report: &BoardReport,
+    frame: &'f mut [u8],
+) -> Result<&'f [u8], FrameTooLong> {
     link::seal::<REPORT_FRAME_MAX>(CONSOLE_VERSION, report, frame)
 }
 
-/// The board's end: finds calls among bytes.
+/// The board's decoder: finds calls in a stream of bytes.
 #[derive(Clone, Debug, Default)]
 pub struct Calls(Decoder<CONSOLE_FRAME_MAX>);
 
 impl Calls {
-    /// Takes a byte. At the end of a frame: its call, or why it has none.
+    /// Takes a byte. At the end of a frame it returns the call, or the error if there is none.
     pub fn push(&mut self, byte: u8) -> Option<Result<Call, FrameError>> {
         self.0.push_of(CONSOLE_VERSION, byte)
     }
 }
 
-/// The other end: finds reports among bytes.
+/// The bench's decoder: finds reports in a stream of bytes.
 #[derive(Clone, Debug, Default)]
 pub struct Reports(Decoder<REPORT_FRAME_MAX>);
 
 impl Reports {
-    /// Takes a byte. At the end of a frame: its report, or why it has none.
-    pub fn push(&mut self, byte: u8) -> Option<Result<Report, FrameError>> {
+    /// Takes a byte. At the end of a frame it returns the report, or the error if there is none.
+    pub fn push(&mut self, byte: u8) -> Option<Result<BoardReport, FrameError>> {
         self.0.push_of(CONSOLE_VERSION, byte)
     }
 }
 
-/// Words, cut where they would not fit.
+/// Formats a value as text, truncated to [`TEXT_MAX`].
 pub fn words(what: &impl core::fmt::Display) -> String<TEXT_MAX> {
     struct Cut(String<TEXT_MAX>);
     impl core::fmt::Write for Cut {
@@ -226,18 +229,18 @@ pub fn words(what: &impl core::fmt::Display) -> String<TEXT_MAX> {
         }
     }
     let mut cut = Cut(String::new());
-    // What does not fit is meant to be lost.
+    // The error means that the text was truncated.
     let _ = core::fmt::Write::write_fmt(&mut cut, format_args!("{what}"));
     cut.0
 }
 
-/// The deciders of a board.
+/// The policies of a board.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)] // no allocator
 pub enum BoardPolicy<B> {
-    /// In flash.
+    /// A trained policy in flash.
     Trained(Mlp<B>),
-    /// The rule.
+    /// The rule-based policy.
     StraightLine(StraightLine<f32, USERS_MAX>),
 }
 
@@ -250,73 +253,75 @@ impl<B: AsRef<[u8]>> Policy<f32, USERS_MAX> for BoardPolicy<B> {
     }
 }
 
-/// Why an order is not flown.
+/// Error returned when an order cannot be flown.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Refusal {
-    /// The mission is none.
+pub enum OrderError {
+    /// The mission is invalid.
     #[error(transparent)]
     Mission(#[from] MissionError<f32>),
-    /// The trained policy is for another one.
+    /// The trained policy is for another mission.
     #[error(transparent)]
-    Policy(#[from] Misfit),
-    /// There is none.
+    Policy(#[from] PolicyMismatch),
+    /// The board has no trained policy.
     #[error("there is no trained policy here")]
     NoPolicy,
-    /// It cannot be flown so.
+    /// The autopilot settings are invalid.
     #[error(transparent)]
     Flight(#[from] SettingsError),
-    /// The board's watchdog cannot wait for one of its slots.
+    /// The board's watchdog cannot wait for one of the mission's slots.
     #[error("slots of {slot_s} s: the board's watchdog can wait for slots of at most {most_s} s")]
     SlotTooLong {
         /// `delta`, seconds.
         slot_s: f32,
-        /// The longest that can be flown, seconds.
+        /// The longest slot that can be flown, seconds.
         most_s: f64,
     },
 }
 
-/// What a slot may take beyond twice its duration before a watchdog stops the board: channel state
-/// that is late, samples that are late, and a bench that is slow.
+/// The time that a slot may take beyond twice its duration before a watchdog stops the board. It
+/// covers late channel state, late samples and a slow bench.
 const SLOT_MARGIN: Duration = Duration::from_secs(20);
 
-/// How long a board's watchdog waits for a slot of so many seconds.
+/// Returns how long a board's watchdog waits for a slot of this duration.
 pub fn slot_patience(slot_duration_s: f32) -> Duration {
     Duration::from_secs_f64(2.0 * f64::from(slot_duration_s)) + SLOT_MARGIN
 }
 
-impl Order {
-    /// Whether a watchdog that can be told to wait `longest` can wait for a slot.
+impl MissionOrder {
+    /// Checks whether a watchdog with the longest time-out `longest` can wait for a slot.
     ///
     /// # Errors
-    /// It cannot: it would stop the board in a slot that is flown as it should be.
-    pub fn check_watchdog(&self, longest: Duration) -> Result<(), Refusal> {
+    /// Returns an error if it cannot: it would stop the board in a normal slot.
+    pub fn check_watchdog(&self, longest: Duration) -> Result<(), OrderError> {
         let slot_s = self.mission.slot_duration_s;
         if slot_patience(slot_s) <= longest {
             return Ok(());
         }
         let most_s = longest.saturating_sub(SLOT_MARGIN).as_secs_f64() / 2.0;
-        Err(Refusal::SlotTooLong { slot_s, most_s })
+        Err(OrderError::SlotTooLong { slot_s, most_s })
     }
 
-    /// The onboard computer that flies this order; `trained` is the policy at hand.
+    /// Creates the onboard computer that flies this order; `trained` is the policy of the board, if
+    /// it has one.
     ///
     /// # Errors
-    /// A mission that is none, a policy that is for another one, settings that cannot be flown.
-    pub fn commission<B: AsRef<[u8]> + Clone>(
+    /// Returns an error if the mission is invalid, if the policy is for another mission, or if the
+    /// autopilot settings are invalid.
+    pub fn build<B: AsRef<[u8]> + Clone>(
         &self,
         trained: Option<&Mlp<B>>,
-    ) -> Result<BoardComputer<B>, Refusal> {
+    ) -> Result<BoardComputer<B>, OrderError> {
         let mission = BoardMission::new(self.mission.clone())?;
-        let policy = match self.decider {
-            Decider::Trained => {
-                let trained = trained.ok_or(Refusal::NoPolicy)?;
+        let policy = match self.policy_kind {
+            PolicyKind::Trained => {
+                let trained = trained.ok_or(OrderError::NoPolicy)?;
                 trained.provenance().check(&mission)?;
                 BoardPolicy::Trained(trained.clone())
             }
-            Decider::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
+            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
         };
         let p = &self.mission;
-        let flight = Settings {
+        let flight = AutopilotSettings {
             limits: self.limits,
             geofence: self.geofence,
             watch: Watch {
@@ -324,20 +329,20 @@ impl Order {
                 ..Watch::default()
             },
             preflight: Preflight::of(p),
-            ..Settings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
+            ..AutopilotSettings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
         };
         let autopilot = Autopilot::new(flight)?;
         let controller = Controller::new(mission, policy);
         Ok(Onboard::new(
-            onboard::Settings::default(),
+            onboard::OnboardSettings::default(),
             controller,
             autopilot,
         ))
     }
 }
 
-/// A mission's parameters in single precision, as an [`Order`] carries them: places to 0.06 mm in
-/// a kilometre.
+/// Converts a mission's parameters to single precision, as a [`MissionOrder`] carries them.
+/// Positions are exact to 0.06 mm at a kilometre.
 pub fn in_single_precision<T: Scalar, const M: usize, const J: usize>(
     p: &MissionParameters<T, M, J>,
 ) -> MissionParameters<f32, M, J> {
@@ -378,9 +383,9 @@ mod tests {
     use super::*;
     use crate::test_missions::table_one;
 
-    fn order() -> Order {
+    fn order() -> MissionOrder {
         let mission = table_one::<f64>();
-        Order {
+        MissionOrder {
             mission: in_single_precision(mission.parameters()),
             map_origin: Geodetic {
                 latitude_e7: -353_632_621,
@@ -393,7 +398,7 @@ mod tests {
                 ceiling_m: 150.0,
             }),
             ground_patience: Some(Duration::from_secs(1_000_000)),
-            decider: Decider::StraightLine,
+            policy_kind: PolicyKind::StraightLine,
             clock: Clock::Console,
         }
     }
@@ -437,7 +442,7 @@ mod tests {
     fn the_longest_report_fits_and_survives() {
         let text = words(&"x".repeat(200));
         assert_eq!(text.len(), TEXT_MAX);
-        let report = Report::BrokenOff(text);
+        let report = BoardReport::BrokenOff(text);
         let mut buffer = [0; REPORT_FRAME_MAX];
         let frame = encode_report(&report, &mut buffer).expect("fits");
         let mut reports = Reports::default();

@@ -1,9 +1,9 @@
 //! The onboard controller of a UAV that serves ground users' uplinks and, on the same frequency
 //! and in the same slots, computes the average of what ground sensors measure over the air.
 //!
-//! No std, no allocator, no I/O, no clock, no threads, no globals: bytes and time come in as
-//! arguments, bytes and decisions come out. Everything numeric is generic over
-//! [`Scalar`] (`f64` on a host, `f32` on a microcontroller), every capacity is a const generic.
+//! The crate uses no std, no allocator, no I/O, no clock, no threads and no globals: bytes and time
+//! come in as arguments, bytes and decisions go out. Everything numeric is generic over [`Scalar`]
+//! (`f64` on a host, `f32` on a microcontroller), and every capacity is a const generic.
 //!
 //! # A slot
 //!
@@ -13,23 +13,23 @@
 //!                    +-------------- state [counts; R_n; MSE_n; x_n, y_n] (M + 4) <-----------------+
 //! ```
 //!
-//! # The rooms, from the paper's equations to the vehicle
+//! # The modules, from the paper's equations to the vehicle
 //!
-//! | room | what it owns |
+//! | module | contents |
 //! |---|---|
-//! | [`mission`] | the validated parameters of a mission (Table I), the only place that rejects them |
+//! | [`mission`] | the validated parameters of a mission (Table I) |
 //! | [`channel`] | the probabilistic line-of-sight gain (eq:gain to eq:gmn) |
-//! | [`aircomp`] | MSE, rate and normalising factor as printed: the yardstick |
+//! | [`aircomp`] | MSE, rate and normalizing factor as printed: the reference implementation |
 //! | [`inner`] | the slot problem (eq:p1): the exact optimum, and the paper's own algorithm |
-//! | [`shield`] | hard constraints that hold whatever a policy says |
-//! | [`planner`] | a near-optimal plan for any mission, improved step by step, in flight too |
-//! | [`policy`] | who decides where to fly and whom to serve |
-//! | [`controller`] | plan and allocate |
+//! | [`shield`] | the hard constraints, enforced on every action of a policy |
+//! | [`planner`] | a near-optimal plan for any mission, improved step by step, also in flight |
+//! | [`policy`] | the policies that decide where to fly and whom to serve |
+//! | [`controller`] | the slot cycle: plan, then allocate |
 //! | [`link`] | frames to and from the ground |
 //! | [`autopilot`] | the MAVLink client |
-//! | [`console`] | what a board is told before a flight, and by a bench |
-//! | [`onboard`] | all of it in one slot cycle: bytes in, bytes out |
-//! | [`time`], [`scalar`], [`units`] | what the others are written in |
+//! | [`console`] | orders to a board before a flight, and its test bench |
+//! | [`onboard`] | the whole onboard computer: bytes in, bytes out |
+//! | [`time`], [`scalar`], [`units`] | time, numbers and units that the other modules use |
 //!
 //! # A slot problem, solved
 //!
@@ -62,6 +62,7 @@ pub mod autopilot;
 pub mod channel;
 pub mod console;
 pub mod controller;
+mod counter;
 pub mod inner;
 pub mod link;
 pub mod mission;

@@ -1,6 +1,7 @@
 //! The whole onboard computer: controller, MAVLink client and ground link in one slot cycle.
 //!
-//! No I/O and no clock: bytes and time come in as arguments, bytes go out on request.
+//! The module has no I/O and no clock: bytes and time come in as arguments, bytes go out on
+//! request.
 //!
 //! ```text
 //!             ground bytes                                  MAVLink bytes
@@ -11,13 +12,14 @@
 //!        +--------------------------------------------------------------------+
 //! ```
 //!
-//! A slot: `plan` from the measured position, fly the leg, report the [`Arrival`], take the
-//! channel state that the ground answers with, `allocate`, send the command and a
-//! [`VehicleStatus`]; then the next slot. Slot `n` ends at `t_0 + n delta` of the vehicle's clock,
-//! where `t_0` is the moment at which slot 1 began: the exchange takes place in the first part of
-//! the next slot, and no message moves a slot's end. An arrival that nobody answers is sent again; where no channel state comes within
-//! [`Settings::channel_patience`], the last one, aged, stands in, and the command says how old it
-//! is. Whatever came and was not used is counted.
+//! In a slot the computer plans from the measured position, flies the leg, reports the
+//! [`Arrival`], receives the channel state that the ground answers with, allocates, and sends the
+//! command and a [`VehicleStatus`]; then the next slot begins. Slot `n` ends at `t_0 + n delta` of
+//! the vehicle's clock, where `t_0` is the moment at which slot 1 began: the exchange takes place
+//! in the first part of the next slot, and no message moves the end of a slot. An arrival that is
+//! not answered is sent again. Where no channel state is received within
+//! [`OnboardSettings::channel_patience`], the last one, aged, is used instead, and the command
+//! states its age. Everything that is received and not used is counted.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,28 +34,28 @@ use crate::{
         },
     },
     controller::{ChannelSource, ChannelState, Controller, ControllerError, SlotCommand},
-    link::{
-        self, Arrival, Decoder, FRAME_MAX, Message, SlotCounters, VehicleStatus, status::count,
-    },
+    counter::count,
+    link::{self, Arrival, Decoder, FRAME_MAX, Message, SlotCounters, VehicleStatus},
     policy::Policy,
     scalar::{Position, Scalar},
     time::{Duration, Instant},
 };
 
-/// The share of the guidance's acceleration that the shield relies on for braking and turning:
-/// the rest goes into jerk and into following the reference.
-const RELIABLE_SHARE: f64 = 0.5;
+/// The fraction of the guidance's acceleration that the shield relies on for braking and turning.
+/// The rest is needed for jerk and for following the reference.
+const RELIABLE_FRACTION: f64 = 0.5;
 
-/// What the slot cycle is told.
+/// Settings of the slot cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// How long the ground may take to answer an arrival; never longer than half a slot.
+pub struct OnboardSettings {
+    /// The longest time that the ground may take to answer an arrival; never longer than half a
+    /// slot.
     pub channel_patience: Duration,
-    /// After how long without an answer the arrival is sent again.
+    /// The time without an answer after which the arrival is sent again.
     pub arrival_interval: Duration,
 }
 
-impl Default for Settings {
+impl Default for OnboardSettings {
     fn default() -> Self {
         Self {
             channel_patience: Duration::from_millis(500),
@@ -62,7 +64,7 @@ impl Default for Settings {
     }
 }
 
-/// The two computations of a slot, for whoever measures them.
+/// One of the two computations of a slot, for measurements of their duration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// Policy and shield.
@@ -71,21 +73,21 @@ pub enum Activity {
     Allocate,
 }
 
-/// Something that measures how long an [`Activity`] takes. The core has no clock.
+/// Measures how long an [`Activity`] takes. The core has no clock of its own.
 pub trait Probe {
-    /// It begins.
+    /// Called when the activity begins.
     fn begin(&mut self, activity: Activity);
-    /// It has ended.
+    /// Called when the activity has ended.
     fn end(&mut self, activity: Activity);
 }
 
-/// Measures nothing.
+/// A probe that measures nothing.
 impl Probe for () {
     fn begin(&mut self, _: Activity) {}
     fn end(&mut self, _: Activity) {}
 }
 
-/// Where in the mission the computer is.
+/// The stage of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Stage {
     /// Before slot 1: connecting, checking, taking off, flying to the start.
@@ -96,16 +98,16 @@ pub enum Stage {
     Measuring,
     /// All slots done; landing.
     Landing,
-    /// On the ground after a whole mission.
+    /// On the ground after a complete mission.
     Completed,
-    /// The mission was broken off; the autopilot's phase, fault and events say why.
+    /// The mission was aborted; the autopilot's phase, fault and events give the reason.
     Aborted,
 }
 
-/// Why a mission was broken off by this side of the autopilot client.
+/// Error that made the onboard computer, and not the autopilot client, abort a mission.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
-    /// The controller could not go on.
+    /// The controller returned an error.
     #[error("controller: {0}")]
     Controller(#[from] ControllerError),
     /// A leg could not be flown.
@@ -116,7 +118,7 @@ pub enum Fault {
     NoPosition,
 }
 
-/// A slot's end, while its channel state is awaited.
+/// The end of a slot, while the computer waits for its channel state.
 #[derive(Clone, Copy, Debug)]
 struct Measuring<T: Scalar> {
     since: Instant,
@@ -127,7 +129,7 @@ struct Measuring<T: Scalar> {
 /// The onboard computer.
 #[derive(Debug)]
 pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
-    settings: Settings,
+    settings: OnboardSettings,
     slot_duration_s: f64,
     controller: Controller<T, P, M, J>,
     autopilot: Autopilot<T>,
@@ -148,16 +150,16 @@ pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SE
 }
 
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
-    /// Before take-off, with nothing heard from either side.
+    /// Creates a computer before take-off that has received nothing from either side.
     pub fn new(
-        settings: Settings,
+        settings: OnboardSettings,
         controller: Controller<T, P, M, J>,
         autopilot: Autopilot<T>,
     ) -> Self {
         let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
         // The exchange takes place in the next slot, which has to be flown as well.
         let half_slot = Duration::from_secs_f64(slot_duration_s / 2.0);
-        let settings = Settings {
+        let settings = OnboardSettings {
             channel_patience: settings.channel_patience.min(half_slot),
             ..settings
         };
@@ -182,32 +184,32 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// Where in the mission we are.
+    /// Returns the stage of the mission.
     pub fn stage(&self) -> Stage {
         self.stage
     }
 
-    /// Why this side broke the mission off, if it did.
+    /// Returns why the onboard computer aborted the mission, if it did.
     pub fn fault(&self) -> Option<Fault> {
         self.fault
     }
 
-    /// The controller, to look at.
+    /// Returns the controller.
     pub fn controller(&self) -> &Controller<T, P, M, J> {
         &self.controller
     }
 
-    /// The MAVLink client, to look at.
+    /// Returns the MAVLink client.
     pub fn autopilot(&self) -> &Autopilot<T> {
         &self.autopilot
     }
 
-    /// The MAVLink client: to launch, to stop, to take its events.
+    /// Returns the MAVLink client, to launch, to stop and to take its events.
     pub fn autopilot_mut(&mut self) -> &mut Autopilot<T> {
         &mut self.autopilot
     }
 
-    /// Counters of everything that came, was dropped or was done without.
+    /// Returns the counters of everything that was received, dropped or missing.
     pub fn status(&self) -> VehicleStatus {
         VehicleStatus {
             slots_done: self.controller.slots_done(),
@@ -218,13 +220,13 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// Signs every MAVLink frame from now on, and takes only those that are rightly signed.
+    /// Signs every MAVLink frame from now on, and accepts only frames with a valid signature.
     pub fn sign_with(&mut self, signer: Signer, verifier: Verifier) {
         self.mavlink_out.sign_with(signer);
         self.mavlink_in.require_signatures(verifier);
     }
 
-    /// Sets the clock of signatures, microseconds since 1970; it never goes back.
+    /// Sets the clock of signatures, microseconds since 1970. It never goes back.
     pub fn set_signing_time(&mut self, unix_us: u64) {
         if let Some(signer) = self.mavlink_out.signer_mut() {
             signer.set_time(unix_us);
@@ -234,7 +236,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// When [`poll`](Self::poll) next has something to do, if nothing is received before.
+    /// Returns when [`poll`](Self::poll) must be called next if nothing is received before.
     pub fn poll_at(&self, now: Instant) -> Instant {
         let next = self.autopilot.poll_at(now);
         match &self.measuring {
@@ -245,14 +247,14 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// Takes bytes from the autopilot's link. With `datagram`, they are one: a truncated frame
-    /// at its end is given up.
+    /// Takes bytes from the autopilot's link. With `datagram` set they are one datagram: an
+    /// incomplete frame at its end is dropped.
     pub fn receive_mavlink(&mut self, now: Instant, bytes: &[u8], datagram: bool) {
         let (autopilot, unreadable) = (&mut self.autopilot, &mut self.mavlink_unreadable);
         let mut take = |frame: wire::Frame<'_>| match frame.client_message() {
             Ok(Some(message)) => autopilot.receive(now, frame.sender(), &message),
             Ok(None) => {}
-            // A value outside an enumeration is no message; the stream goes on.
+            // A value outside an enumeration is counted; the stream can be read on.
             Err(_) => count(unreadable),
         };
         let mut input = bytes;
@@ -264,7 +266,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// The next frame for the autopilot; call until `None` after every [`poll`](Self::poll).
+    /// Returns the next frame for the autopilot. Call until `None` after every
+    /// [`poll`](Self::poll).
     pub fn take_mavlink_frame<'b>(
         &mut self,
         now: Instant,
@@ -293,7 +296,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// Keeps a channel state that a slot is waiting for.
+    /// Keeps a channel state if a slot is waiting for it.
     fn take_channel_state(&mut self, state: ChannelState<T, M, J>) {
         let wanted = self.measuring.is_some() && self.channel_state.is_none();
         match self.controller.check_state(&state) {
@@ -305,7 +308,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// The next frame for the ground; call until `None` after every [`poll`](Self::poll).
+    /// Returns the next frame for the ground. Call until `None` after every [`poll`](Self::poll).
     pub fn take_ground_frame<'b>(&mut self, buffer: &'b mut [u8; FRAME_MAX]) -> Option<&'b [u8]> {
         // A slot's command before the next slot's arrival.
         let message: Message<T, M, J> = if let Some(command) = self.command.take() {
@@ -322,7 +325,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         link::encode(&message, buffer).ok()
     }
 
-    /// Goes on as far as what came allows.
+    /// Advances the slot cycle as far as what was received allows.
     pub fn poll(&mut self, now: Instant, probe: &mut impl Probe) {
         let phase = self.autopilot.phase();
         if phase.is_final() {
@@ -336,11 +339,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
         match self.stage {
             Stage::Preparing if self.autopilot.phase() == Phase::Ready => {
-                // What the vehicle's parameters leave of the limits is known by now; guidance
-                // flies with that.
+                // The limits that the vehicle's parameters impose are known by now; guidance uses
+                // them.
                 let limits = *self.autopilot.limits();
                 self.controller.rely_on(&Limits {
-                    acceleration_mps2: limits.acceleration_mps2 * T::of(RELIABLE_SHARE),
+                    acceleration_mps2: limits.acceleration_mps2 * T::of(RELIABLE_FRACTION),
                     ..limits
                 });
                 let measured = self.autopilot.position();
@@ -356,13 +359,14 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// The tick that ends slot `n`, on the vehicle's clock.
+    /// Returns the tick that ends slot `n`, on the vehicle's clock.
     fn tick(&self, began: Instant, slot: u32) -> Instant {
         began + Duration::from_secs_f64(self.slot_duration_s * f64::from(slot))
     }
 
-    /// Plans the next slot from where the last one ended, and sets out. Where the vehicle is by
-    /// now does not count: eq:traj1 binds slot ends, however long the exchange between them took.
+    /// Plans the next slot from where the last one ended, and starts its leg. The vehicle's present
+    /// position is not used: eq:traj1 constrains the ends of slots, however long the exchange
+    /// between them took.
     fn begin_slot(&mut self, now: Instant, from: Option<Position<T>>, probe: &mut impl Probe) {
         if self.controller.is_over() {
             self.stage = Stage::Landing;
@@ -420,13 +424,13 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// Allocates once the channel state is there, or has not come for too long.
+    /// Allocates as soon as the channel state is received, or has been missing for too long.
     fn measure(&mut self, now: Instant, probe: &mut impl Probe) {
         let Some(measuring) = &mut self.measuring else {
             return;
         };
         let arrival = measuring.arrival;
-        let overdue = now.since(measuring.since) >= self.settings.channel_patience;
+        let overdue = now.duration_since(measuring.since) >= self.settings.channel_patience;
         let state = self.channel_state.take();
         if state.is_none() && !overdue {
             if now >= measuring.repeat_at {
@@ -445,7 +449,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         match command {
             Ok(command) => {
                 self.measuring = None;
-                // An answer from here on is too late, and so is the question.
+                // An answer is too late from here on, and so is the question.
                 self.arrival = None;
                 self.command_slot(arrival.plan.served_user, command);
                 self.begin_slot(now, Some(arrival.position), probe);
@@ -454,7 +458,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
-    /// Counts what became of a slot and has it sent.
+    /// Updates the counters for a slot's command and queues the command.
     fn command_slot(&mut self, planned_user: usize, command: SlotCommand<T, J>) {
         let slots = &mut self.slots;
         count(match command.source {

@@ -1,29 +1,30 @@
 //! The number type: `f64` on the host, `f32` on the microcontroller.
 //!
-//! Everything numeric in this crate is generic over [`Scalar`]. Functions beyond
-//! arithmetic go to `libm` on every platform (nalgebra's feature `libm-force`),
-//! so that the host computes the bits that the target computes.
+//! Everything numeric in this crate is generic over [`Scalar`]. Functions beyond arithmetic are
+//! those of `libm` on every platform (nalgebra's feature `libm-force`), so that the host computes
+//! the same bits as the target.
 
 use nalgebra::{Point2, RealField, Vector2};
 use serde::{Serialize, de::DeserializeOwned};
 
-/// `f32` or `f64`.
+/// The number type of a computation: `f32` or `f64`.
 pub trait Scalar:
     RealField + Copy + Default + Serialize + DeserializeOwned + num_limits::Limits + 'static
 {
-    /// The nearest value of this type to an `f64`.
+    /// Returns the value of this type that is nearest to an `f64`.
     fn of(value: f64) -> Self;
-    /// This value as `f64`, exactly.
+    /// Returns this value as `f64`, exactly.
     fn to_f64(self) -> f64;
-    /// A count as a number; exact up to 2^24 for `f32`.
+    /// Converts a count to a number; exact up to 2^24 for `f32`.
     fn count(n: usize) -> Self {
         Self::of(n as f64)
     }
-    /// Not NaN and not infinite. (`RealField::is_finite` under a name that does not collide.)
+    /// Returns whether the value is neither NaN nor infinite. (This is `RealField::is_finite` under
+    /// a name that does not collide.)
     fn finite(self) -> bool;
-    /// The next smaller representable number; for a positive finite input.
+    /// Returns the next smaller representable number, for a positive finite input.
     fn next_below(self) -> Self;
-    /// Total order, NaN last: for sorting without a panic.
+    /// Compares by a total order with NaN last, for sorting without a panic.
     fn order(&self, other: &Self) -> core::cmp::Ordering;
 }
 

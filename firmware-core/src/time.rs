@@ -1,15 +1,15 @@
 //! Time as an argument.
 //!
-//! Nothing in this crate owns a clock: whoever calls passes the present [`Instant`].
-//! On a microcontroller it comes from a timer, in a simulation it is a counter, and
-//! with a simulation that runs X times faster than real time it advances X times
-//! faster, so that every time-out below runs in the vehicle's own time.
+//! Nothing in this crate owns a clock: the caller passes the present [`Instant`]. On a
+//! microcontroller it comes from a timer, in a simulation it is a counter. In a simulation that
+//! runs X times faster than real time it advances X times faster, so that every time-out runs in
+//! the vehicle's own time.
 
 use core::ops::{Add, AddAssign, Div, Mul, Sub};
 
 use serde::{Deserialize, Serialize};
 
-/// A moment: microseconds since an arbitrary start that is the same for one run.
+/// A moment: microseconds since an arbitrary start, which is the same for all instants of a run.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
 )]
@@ -29,57 +29,58 @@ impl Instant {
     /// The start of the run.
     pub const ZERO: Self = Self { micros: 0 };
 
-    /// The moment `micros` microseconds after the start.
+    /// Creates the moment `micros` microseconds after the start.
     pub const fn from_micros(micros: u64) -> Self {
         Self { micros }
     }
 
-    /// Microseconds since the start.
-    pub const fn micros(self) -> u64 {
+    /// Returns the microseconds since the start.
+    pub const fn as_micros(self) -> u64 {
         self.micros
     }
 
-    /// Whole milliseconds since the start, modulo 2^32: the form of MAVLink's `time_boot_ms`.
+    /// Returns the whole milliseconds since the start, modulo 2^32: the form of MAVLink's
+    /// `time_boot_ms`.
     pub const fn millis_wrapping(self) -> u32 {
         (self.micros / 1_000) as u32
     }
 
-    /// How long ago `earlier` was; zero if it lies in the future.
-    pub const fn since(self, earlier: Self) -> Duration {
+    /// Returns how long ago `earlier` was, or zero if it lies in the future.
+    pub const fn duration_since(self, earlier: Self) -> Duration {
         Duration::from_micros(self.micros.saturating_sub(earlier.micros))
     }
 
-    /// The moment `span` before this one, or the start if that is later.
+    /// Returns the moment `span` before this one, or the start if that is later.
     pub const fn back(self, span: Duration) -> Self {
         Self::from_micros(self.micros.saturating_sub(span.micros))
     }
 }
 
 impl Duration {
-    /// No time at all.
+    /// A span of length zero.
     pub const ZERO: Self = Self { micros: 0 };
 
-    /// A span in microseconds.
+    /// Creates a span from microseconds.
     pub const fn from_micros(micros: u64) -> Self {
         Self { micros }
     }
 
-    /// A span in milliseconds.
+    /// Creates a span from milliseconds.
     pub const fn from_millis(millis: u64) -> Self {
         Self {
             micros: millis.saturating_mul(1_000),
         }
     }
 
-    /// A span in whole seconds.
+    /// Creates a span from whole seconds.
     pub const fn from_secs(seconds: u64) -> Self {
         Self {
             micros: seconds.saturating_mul(1_000_000),
         }
     }
 
-    /// A span in seconds, to the nearest microsecond. Negative and NaN count as zero,
-    /// what does not fit as the longest span.
+    /// Creates a span from seconds, rounded to the nearest microsecond. Negative numbers and NaN
+    /// give zero; a number that is too large gives the longest span.
     pub fn from_secs_f64(seconds: f64) -> Self {
         // `as` saturates and sends NaN to 0.
         Self {
@@ -87,27 +88,27 @@ impl Duration {
         }
     }
 
-    /// Microseconds.
-    pub const fn micros(self) -> u64 {
+    /// Returns the span in microseconds.
+    pub const fn as_micros(self) -> u64 {
         self.micros
     }
 
-    /// Whole milliseconds, rounded down.
-    pub const fn millis(self) -> u64 {
+    /// Returns the span in whole milliseconds, rounded down.
+    pub const fn as_millis(self) -> u64 {
         self.micros / 1_000
     }
 
-    /// Seconds; exact to the microsecond for spans below 285 years.
+    /// Returns the span in seconds, exact to the microsecond for spans below 285 years.
     pub fn as_secs_f64(self) -> f64 {
         self.micros as f64 * 1e-6
     }
 
-    /// No time at all.
+    /// Returns whether the span is zero.
     pub const fn is_zero(self) -> bool {
         self.micros == 0
     }
 
-    /// This span less `other`, or zero.
+    /// Returns this span less `other`, or zero if `other` is longer.
     pub const fn saturating_sub(self, other: Self) -> Self {
         Self::from_micros(self.micros.saturating_sub(other.micros))
     }
@@ -128,9 +129,9 @@ impl AddAssign<Duration> for Instant {
 
 impl Sub for Instant {
     type Output = Duration;
-    /// As [`Instant::since`]: never negative.
+    /// As [`Instant::duration_since`]: the result is never negative.
     fn sub(self, earlier: Self) -> Duration {
-        self.since(earlier)
+        self.duration_since(earlier)
     }
 }
 
@@ -150,7 +151,7 @@ impl Mul<u32> for Duration {
 
 impl Div<u32> for Duration {
     type Output = Self;
-    /// Rounds down; a division by zero counts as one by 1.
+    /// Rounds down. A division by zero counts as a division by 1.
     fn div(self, divisor: u32) -> Self {
         Self::from_micros(self.micros / u64::from(divisor.max(1)))
     }
@@ -174,11 +175,11 @@ mod tests {
 
     #[test]
     fn seconds_round_to_the_nearest_microsecond() {
-        assert_eq!(Duration::from_secs_f64(0.1).micros(), 100_000);
+        assert_eq!(Duration::from_secs_f64(0.1).as_micros(), 100_000);
         assert_eq!(Duration::from_secs_f64(1.0).as_secs_f64(), 1.0);
         assert_eq!(Duration::from_secs_f64(f64::NAN), Duration::ZERO);
         assert_eq!(Duration::from_secs_f64(-3.0), Duration::ZERO);
-        assert_eq!(Duration::from_secs_f64(f64::INFINITY).micros(), u64::MAX);
+        assert_eq!(Duration::from_secs_f64(f64::INFINITY).as_micros(), u64::MAX);
     }
 
     #[test]

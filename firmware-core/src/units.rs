@@ -1,4 +1,4 @@
-//! Quantities that must not be mistaken for one another at a public boundary.
+//! Physical quantities as types, so that they cannot be confused at a public boundary.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,17 +14,17 @@ use crate::scalar::Scalar;
 pub struct PowerGain<T>(pub T);
 
 impl<T: Scalar> PowerGain<T> {
-    /// The amplitude gain `sqrt(|h|^2)`.
+    /// Returns the amplitude gain `sqrt(|h|^2)`.
     pub fn amplitude(self) -> T {
         self.0.sqrt()
     }
 
-    /// A gain that physics allows: finite and not negative.
+    /// Returns whether the gain is finite and not negative.
     pub fn is_valid(self) -> bool {
         self.0.finite() && self.0 >= T::zero()
     }
 
-    /// A gain that a channel can have: no more arrives than was sent.
+    /// Returns whether a passive channel can have this gain: it is valid and at most 1.
     pub fn is_passive(self) -> bool {
         self.is_valid() && self.0 <= T::one()
     }
@@ -36,7 +36,7 @@ impl<T: Scalar> PowerGain<T> {
 pub struct Watt<T>(pub T);
 
 impl<T: Scalar> Watt<T> {
-    /// From decibels over one milliwatt.
+    /// Converts from decibels over one milliwatt.
     pub fn from_dbm(dbm: T) -> Self {
         // 10^(x/10) = e^(x ln10 / 10)
         Watt((dbm * T::of(core::f64::consts::LN_10 / 10.0)).exp() * T::of(1e-3))

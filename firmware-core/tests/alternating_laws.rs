@@ -1,4 +1,4 @@
-//! Alg. 1 against the exact optimum, and the comparison schemes against theirs.
+//! Alg. 1 compared with the exact optimum, and the comparison schemes with their optima.
 
 mod random_slots;
 
@@ -6,7 +6,7 @@ use firmware_core::{
     PowerGain, Watt,
     inner::{
         LimitedBy, Method, SensorField, Solution, Status, Workspace,
-        alternating::{Outcome, Settings},
+        alternating::{AlternatingOutcome, AlternatingSettings},
     },
 };
 use rand::RngExt;
@@ -59,9 +59,9 @@ fn check_constraints(problem: &Problem, solution: &Solution<f64>) {
 #[test]
 fn alternating_approaches_the_optimum() {
     for (tolerance, fraction) in [(1e-3, 0.99), (1e-6, 0.9999)] {
-        let settings = Settings {
+        let settings = AlternatingSettings {
             tolerance,
-            ..Settings::default()
+            ..AlternatingSettings::default()
         };
         let mut random = generator(5);
         let (mut least, mut most_work) = (1.0_f64, 0);
@@ -79,7 +79,7 @@ fn alternating_approaches_the_optimum() {
             let solution = report.solution;
             assert_eq!(solution.status.is_feasible(), best.status.is_feasible());
             assert_eq!(
-                report.outcome == Outcome::Infeasible,
+                report.outcome == AlternatingOutcome::Infeasible,
                 !best.status.is_feasible()
             );
             check_constraints(&problem, &solution);
@@ -103,7 +103,7 @@ fn alternating_approaches_the_optimum() {
     }
 }
 
-/// Cut off anywhere, the answer keeps the constraints and says so.
+/// An iteration that is stopped at any step keeps the constraints and reports the limit.
 #[test]
 fn a_cap_ends_the_iteration_with_a_usable_answer() {
     let mut random = generator(6);
@@ -111,7 +111,7 @@ fn a_cap_ends_the_iteration_with_a_usable_answer() {
     for _ in 0..2_000 {
         let problem = Problem::draw(&mut random);
         for (outer_max, inner_max) in [(1, 1), (1, 20), (3, 2), (0, 5)] {
-            let settings = Settings {
+            let settings = AlternatingSettings {
                 tolerance: 1e-12,
                 outer_max,
                 inner_max,
@@ -147,16 +147,16 @@ fn alternating_in_single_precision() {
         let mut workspace = Workspace::<f32, 64>::default();
         let (limits, gains) = (problem.limits_in(), problem.gains_in());
         let field = workspace.sensors(&limits, &gains).expect("a slot problem");
-        let method = Method::Alternating(Settings::default());
+        let method = Method::Alternating(AlternatingSettings::default());
         let user = PowerGain(problem.user_gain.0 as f32);
         let solution = method.solve(&field, Some(user)).expect("a gain");
         assert!(solution.rate.is_finite() && solution.rate >= 0.0);
-        let share = problem.sensors() as f64 * problem.limits.mse_threshold;
+        let fraction = problem.sensors() as f64 * problem.limits.mse_threshold;
         let loudest = problem
             .sensor_gains
             .iter()
             .fold(0.0_f64, |most, gain| most.max(gain.0));
-        if best.rate > 0.05 && share < 0.99 && loudest < 1e-9 {
+        if best.rate > 0.05 && fraction < 0.99 && loudest < 1e-9 {
             compared += 1;
             let fraction = f64::from(solution.rate) / best.rate;
             assert!((0.985..1.001).contains(&fraction), "{fraction} {problem:?}");
@@ -171,8 +171,8 @@ fn fixed_user_power_is_optimal_among_its_kind() {
     for _ in 0..20_000 {
         let problem = Problem::draw(&mut random);
         let best = solve(&problem, Method::Exact);
-        let share = random.random_range(0.01..=1.0);
-        let power = Watt(problem.limits.user_power_max.0 * share);
+        let fraction = random.random_range(0.01..=1.0);
+        let power = Watt(problem.limits.user_power_max.0 * fraction);
         let fixed = solve(&problem, Method::FixedUserPower(power));
         check_constraints(&problem, &fixed);
         assert!(

@@ -1,7 +1,7 @@
 //! Laws of the MAVLink client that hold for *any* order of messages, answers, calls and time.
 //!
-//! A model watches from outside: it knows what the client was last told about mode and arming,
-//! and judges every message the client sends.
+//! A model observes the client from outside: it tracks what was last reported to the client about
+//! mode and arming, and checks every message that the client sends.
 
 use std::cell::RefCell;
 
@@ -11,7 +11,7 @@ use firmware_core::autopilot::guidance::Limits;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::autopilot::wire::Address;
 use firmware_core::autopilot::{
-    Autopilot, Coordinates, Event, Geofence, Leg, Phase, Settings, failsafe::Reaction,
+    Autopilot, AutopilotSettings, Coordinates, Event, Geofence, Leg, Phase, failsafe::Reaction,
 };
 use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::{
@@ -98,7 +98,7 @@ const VEHICLE: Address = Address {
     system: 1,
     component: 1,
 };
-/// What every parameter is: slow.
+/// The value of every parameter, which limits the speed.
 const PARAMETER: f32 = 12.0;
 const STRANGER: Address = Address {
     system: 9,
@@ -117,19 +117,19 @@ struct Model {
     now: Instant,
     firmware: Firmware,
     client: Autopilot<f64>,
-    /// What the client was last told.
+    /// The state that was last reported to the client.
     mode: Option<u32>,
     armed: bool,
-    /// What the last heartbeat that was sent said.
+    /// The mode and arming of the last heartbeat that was sent.
     told_armed: bool,
     position: (f32, f32),
     altitude: f32,
-    /// Where it stood before take-off, and how far a take-off takes it up from there.
+    /// The altitude before take-off, and the height that a take-off climbs from there.
     stood: f32,
     rises: f32,
-    /// The least and the most altitude that was told before take-off: the ground is in between.
+    /// The lowest and the highest altitude reported before take-off: the ground is in between.
     ground: (f32, f32),
-    /// When a position was last told.
+    /// When a position was last reported.
     placed: Option<Instant>,
     faulted: bool,
     released: bool,
@@ -147,7 +147,7 @@ struct Model {
 impl Model {
     fn new(firmware: Firmware, coordinates: Coordinates, limited: bool) -> Self {
         let origin = Geodetic::from_degrees(10.0, 20.0).unwrap();
-        let mut settings = Settings::new(origin, Position::new(10.0, 20.0), 100.0, 30.0);
+        let mut settings = AutopilotSettings::new(origin, Position::new(10.0, 20.0), 100.0, 30.0);
         settings.geofence = Some(fence());
         settings.coordinates = coordinates;
         settings.set_parameters = limited;
@@ -288,7 +288,7 @@ impl Model {
         self.tell(&MavMessage::COMMAND_ACK(ack));
     }
 
-    /// Half a second of an autopilot that does as it is told.
+    /// Simulates half a second of an autopilot that follows every command.
     fn cooperate(&mut self) {
         for _ in 0..5 {
             self.now += Duration::from_millis(100);
@@ -326,7 +326,7 @@ impl Model {
         self.tell_heartbeat(self.mode.unwrap_or(5), self.armed);
     }
 
-    /// From the first heartbeat on, for so many half seconds, with nothing in the way; 60
+    /// Simulates so many half seconds from the first heartbeat on, without failures; 60 of them
     /// lead to the mission's start.
     fn start(&mut self, halves: u8) {
         if halves == 0 {
@@ -424,7 +424,7 @@ impl Model {
         self.judge();
     }
 
-    /// Takes all events and messages and holds them against the laws.
+    /// Takes all events and messages and checks them against the laws.
     fn judge(&mut self) {
         for round in 0.. {
             assert!(round < 40, "poll never ends");
@@ -618,8 +618,8 @@ fn heights_count_from_the_place_of_take_off() {
     }
 }
 
-/// Both links fall silent in flight; when the autopilot is heard again, where the vehicle is is
-/// not known yet, and the landing is asked for without setpoints.
+/// Both links fall silent in flight. When the autopilot is heard again, the position of the vehicle
+/// is not known yet, and the landing is requested without setpoints.
 #[test]
 fn a_heartbeat_alone_does_not_bring_the_setpoints_back() {
     for firmware in [Firmware::Generic, Firmware::ArduCopter, Firmware::Px4] {
@@ -651,7 +651,7 @@ fn a_heartbeat_alone_does_not_bring_the_setpoints_back() {
     }
 }
 
-/// Found by the histories once: stopped before it was launched.
+/// A case that the random histories found: stopped before the launch.
 #[test]
 fn a_stop_before_the_launch_breaks_no_law() {
     let mut model = Model::new(Firmware::Generic, Coordinates::Local, false);
@@ -661,7 +661,7 @@ fn a_stop_before_the_launch_breaks_no_law() {
     assert_eq!(model.client.phase(), Phase::Failed);
 }
 
-/// The model can see something: with a cooperative autopilot a flight goes all the way.
+/// The model observes a complete flight with a cooperative autopilot.
 #[test]
 fn a_cooperative_autopilot_is_flown_to_the_end() {
     for firmware in [Firmware::Generic, Firmware::ArduCopter, Firmware::Px4] {

@@ -1,5 +1,5 @@
-//! What is promised for gains within bounds, held against gains drawn from them: MSE and rate
-//! from the printed formulas (`aircomp`).
+//! Guarantees for gains within bounds, tested with gains drawn from the bounds: MSE and rate are
+//! computed by the printed formulas (`aircomp`).
 
 mod random_slots;
 
@@ -39,7 +39,7 @@ fn narrow<T: Scalar>(bounds: &GainBounds<f64>) -> GainBounds<T> {
     }
 }
 
-/// Promises in `T` over `cases` slots with ten draws each: how many were feasible.
+/// Tests guarantees in `T` over `cases` slots with ten draws each. Returns how many were feasible.
 fn promises_hold<T: Scalar>(seed: u64, cases: u32) -> u32 {
     let mut random = generator(seed);
     let mut feasible = 0;
@@ -120,7 +120,7 @@ fn promises_hold_within_the_bounds() {
     assert!((5_000..18_000).contains(&single), "{single}");
 }
 
-/// Where the bounds coincide, the promise is the optimum.
+/// Where the bounds coincide, the guarantee is the optimum.
 #[test]
 fn known_gains_cost_nothing() {
     let mut random = generator(33);
@@ -153,7 +153,7 @@ fn known_gains_cost_nothing() {
     assert!(compared > 10_000, "{compared}");
 }
 
-/// Nobody to serve: the least worst-case MSE. No choice of `eta` on a fine grid has less.
+/// Without a user to serve, the result is the least worst-case MSE. No choice of `eta` on a fine grid has less.
 #[test]
 fn the_quietest_choice_is_the_quietest() {
     let mut random = generator(34);

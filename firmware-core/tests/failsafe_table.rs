@@ -1,4 +1,4 @@
-//! `docs/failsafes.md` says what the code does.
+//! The table in `docs/failsafes.md` is that of the code.
 
 use firmware_core::autopilot::failsafe::TABLE;
 

@@ -34,7 +34,7 @@ fn headroom(problem: &Problem) -> f64 {
     (sensors - field.least_mse() * sensors * sensors) / problem.limits.kappa(problem.sensors())
 }
 
-/// What every answer must satisfy.
+/// Checks what every solution must satisfy.
 fn check(problem: &Problem) -> Solution<f64> {
     let solution = solve(problem);
     let SlotLimits {
@@ -277,8 +277,8 @@ fn gains_apart_by_twelve_orders() {
     let gains: Vec<f64> = (0..36)
         .map(|j| 1e-18 * 10f64.powf(12.0 * f64::from(j) / 35.0))
         .collect();
-    for share in [0.3, 0.54, 0.9, 0.999] {
-        check(&table_one(&gains, 1e-11, share / 36.0));
+    for fraction in [0.3, 0.54, 0.9, 0.999] {
+        check(&table_one(&gains, 1e-11, fraction / 36.0));
     }
 }
 
@@ -303,7 +303,7 @@ fn sensors_without_gain() {
     assert_eq!(none.normalizing_factor, 0.0);
 }
 
-/// No user signal to be had, in three ways: the slot is spent on the least MSE.
+/// No user signal is possible, for three reasons: the slot is used for the least MSE.
 #[test]
 fn without_user_signal_the_average_is_best() {
     let problem = table_one(&[1e-11; 36], 0.0, 0.02);
@@ -330,7 +330,7 @@ fn powerless_sensors_are_infeasible() {
     assert!(!check(&problem).status.is_feasible());
 }
 
-/// `Gamma` a hair to either side of the least MSE.
+/// `Gamma` slightly above and below the least MSE.
 #[test]
 fn the_border_of_feasibility() {
     let mut random = generator(4);

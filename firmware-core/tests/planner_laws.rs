@@ -1,5 +1,5 @@
-//! What holds of the planner whatever the mission, the state, the budget and the knowledge:
-//! plans are feasible and finite, and more work never makes them worse.
+//! Laws of the planner for any mission, state and budget: plans are feasible and finite, and more
+//! work never makes them worse.
 
 use firmware_core::{
     Mission, Position, Scalar, Watt,
@@ -16,7 +16,7 @@ const J: usize = 12;
 type TestMission<T> = Mission<T, M, J>;
 type TestPlanner<T> = Planner<T, (Vec<T>, Vec<u8>), M, J>;
 
-/// A mission in numbers without units, from which one in either precision is made.
+/// A mission in dimensionless numbers, from which a mission in either precision is made.
 #[derive(Clone, Debug)]
 struct Numbers {
     slots: u32,
@@ -197,7 +197,7 @@ fn check_feasible<T: Scalar>(
     let mission = planner.mission().clone();
     let p = mission.parameters();
     let slots_left = (mission.slots() + 1).saturating_sub(planner.slot());
-    let slack_m = firmware_core::shield::rounding_m(&p.area, reach_m);
+    let slack_m = firmware_core::mission::rounding_m(&p.area, reach_m);
     let inside = |place: Position<T>| {
         Position::new(
             place.x.max(T::zero()).min(p.area.east_m),
@@ -404,7 +404,7 @@ fn the_finished_plan_is_near_its_own_estimate_in_both_precisions() {
     assert!((totals[0] / totals[1] - 1.0).abs() < 0.01, "{totals:?}");
 }
 
-/// Flying the finished plan through its own decisions earns what was promised.
+/// Flying the finished plan through its own decisions gives the value that it stated.
 #[test]
 fn following_the_plan_keeps_it() {
     let mission: TestMission<f64> = plain().mission();

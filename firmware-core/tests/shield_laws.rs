@@ -1,14 +1,14 @@
-//! The shield against policies that do their worst: a million outputs over random missions, and
-//! the projection against its definition.
+//! The shield against random and invalid policy outputs: a million outputs over random missions,
+//! and the projection against its definition.
 
 mod random_slots;
 
 use firmware_core::{
     Displacement, Mission, Position, Scalar, Watt,
     controller::{ChannelState, Controller},
-    mission::{Area, Environment, ExcessLoss, MissionParameters},
+    mission::{Area, Environment, ExcessLoss, MissionParameters, rounding_m},
     policy::{Action, Observation, Policy},
-    shield::{Agility, Intervention, ReachableSet, admissible_waypoint, rounding_m},
+    shield::{Agility, Intervention, ReachableSet, admissible_waypoint},
 };
 use heapless::Vec;
 use rand::{Rng, RngExt};
@@ -21,14 +21,14 @@ const SENSORS: usize = 3;
 type Parameters<T> = MissionParameters<T, USERS, SENSORS>;
 
 fn place<T: Scalar>(random: &mut impl Rng, area: &Area<T>) -> Position<T> {
-    let along = |extent: T, share: f64| (T::of(share) * extent).min(extent);
+    let along = |extent: T, fraction: f64| (T::of(fraction) * extent).min(extent);
     Position::new(
         along(area.east_m, random.random_range(0.0..=1.0)),
         along(area.north_m, random.random_range(0.0..=1.0)),
     )
 }
 
-/// Missions with slots to spare, with none, with one slot, in strips, across corners, and with
+/// Returns missions with spare slots, without any, with one slot, in strips, across corners, and with
 /// fewer slots than users.
 fn mission<T: Scalar>(random: &mut impl Rng) -> Mission<T, USERS, SENSORS> {
     let area = Area {
@@ -95,7 +95,7 @@ fn mission<T: Scalar>(random: &mut impl Rng) -> Mission<T, USERS, SENSORS> {
     Mission::new(parameters).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A policy that errs in every way the types allow.
+/// A policy with every kind of invalid output that the types allow.
 struct Adversary {
     random: Pcg64Mcg,
     manner: u32,
@@ -151,7 +151,7 @@ impl<T: Scalar> Policy<T, USERS> for Adversary {
     }
 }
 
-/// Flies missions until `outputs` outputs are spent; the vehicle goes where it is sent.
+/// Flies missions until `outputs` outputs are used; the vehicle reaches every waypoint.
 fn fly<T: Scalar>(seed: u64, outputs: u32) {
     let mut random = generator(seed);
     let (mut spent, mut infeasible) = (0, 0);
@@ -280,7 +280,7 @@ fn the_projection_is_exact() {
 }
 
 /// Inertia makes `F_n` smaller, never empty, and never sends the vehicle past the destination:
-/// whoever wishes to be there and can is let.
+/// a policy that asks for the destination, where it can be reached, gets there.
 #[test]
 fn with_inertia_the_destination_stays_within_reach() {
     let mut random = generator(15);
@@ -301,7 +301,7 @@ fn with_inertia_the_destination_stays_within_reach() {
         let agility = Agility {
             step_m: reach_m,
             reach_m: reach_m * random.random_range(0.6..=1.0),
-            gain_m: log_uniform(&mut random, 1.0, 1000.0),
+            velocity_change_m: log_uniform(&mut random, 1.0, 1000.0),
             drift_m: [(); 2].map(|()| reach_m * random.random_range(-1.0..=1.0)),
         };
         let slot = random.random_range(1..=p.slots);
@@ -327,7 +327,7 @@ fn with_inertia_the_destination_stays_within_reach() {
     assert!(near > 1_000, "{near}");
 }
 
-/// A wish that is admissible is taken as it is, and not reported.
+/// An admissible displacement is not changed and not reported.
 #[test]
 fn what_is_admissible_is_left_alone() {
     let mut random = generator(14);

@@ -11,8 +11,8 @@ use firmware_core::{
         wire::{Encoder, MAX_FRAME},
     },
     console::{
-        self, BoardComputer, Call, Calls, Clock, Cost, Footprint, Order, REPORT_FRAME_MAX, Refusal,
-        Report, Tick, Tock,
+        self, BoardComputer, BoardReport, Call, Calls, Clock, Cost, Footprint, MissionOrder,
+        OrderError, REPORT_FRAME_MAX, Tick, Tock,
     },
     link::FRAME_MAX,
     onboard::{Activity, Probe, Stage},
@@ -47,7 +47,7 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
             Some(Call::Order(order)) => {
                 match commission(board, &order, &trained, &mut commissioned) {
                     Ok(()) => break order.clock,
-                    Err(why) => report(board, &Report::Refused(console::words(&why))),
+                    Err(why) => report(board, &BoardReport::Refused(console::words(&why))),
                 }
             }
             Some(Call::Footprint) => report_footprint(board),
@@ -58,7 +58,7 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
     let Some(computer) = &mut commissioned else {
         board.halt(&"no computer after an order")
     };
-    report(board, &Report::Ready);
+    report(board, &BoardReport::Ready);
     let mut flight = Flight::default();
     loop {
         let call = next_call(board, &mut calls);
@@ -83,12 +83,12 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
 #[inline(never)]
 fn commission<B: Board>(
     board: &mut B,
-    order: &Order,
+    order: &MissionOrder,
     trained: &Mlp<&'static [u8]>,
     place: &mut Option<Computer>,
-) -> Result<(), Refusal> {
+) -> Result<(), OrderError> {
     order.check_watchdog(B::LONGEST_WATCH)?;
-    let computer = place.insert(order.commission(Some(trained))?);
+    let computer = place.insert(order.build(Some(trained))?);
     let now = match order.clock {
         Clock::Board => board.now(),
         Clock::Console => Instant::ZERO,
@@ -109,7 +109,7 @@ fn next_call<B: Board>(board: &mut B, calls: &mut Calls) -> Option<Call> {
 }
 
 #[inline(never)]
-fn report<B: Board>(board: &mut B, report: &Report) {
+fn report<B: Board>(board: &mut B, report: &BoardReport) {
     let mut frame = [0; REPORT_FRAME_MAX];
     if let Ok(frame) = console::encode_report(report, &mut frame) {
         // Without room it is dropped and counted: nobody may be listening.
@@ -126,7 +126,7 @@ fn report_footprint<B: Board>(board: &mut B) {
         lost_bytes,
         unsent_frames,
     };
-    report(board, &Report::Footprint(footprint));
+    report(board, &BoardReport::Footprint(footprint));
 }
 
 /// A line of text for whoever listens to MAVLink.
@@ -163,7 +163,7 @@ impl Flight {
             place: place.map(|sample| (sample.position, sample.altitude_m)),
             cost,
         };
-        report(board, &Report::Tock(tock));
+        report(board, &BoardReport::Tock(tock));
     }
 
     fn round<B: Board>(
@@ -247,7 +247,7 @@ impl Flight {
     #[inline(never)]
     fn tell<B: Board>(&mut self, board: &mut B, computer: &mut Computer) {
         while let Some(event) = computer.autopilot_mut().take_next_event() {
-            report(board, &Report::Event(console::words(&event)));
+            report(board, &BoardReport::Event(console::words(&event)));
         }
         if computer.stage() == Stage::Aborted && !self.broken_off {
             self.broken_off = true;
@@ -257,7 +257,7 @@ impl Flight {
                 (None, Some(cause)) => console::words(&cause),
                 (None, None) => console::words(&client.phase()),
             };
-            report(board, &Report::BrokenOff(why));
+            report(board, &BoardReport::BrokenOff(why));
         }
     }
 

@@ -88,26 +88,12 @@ fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>) {
         assert!(none, "as many gains as asked were refused: {state:?}");
         return;
     };
-    check(&command);
+    command
+        .check(mission)
+        .expect("a command that keeps the rules");
     controller.plan(place).expect("at rest");
-    check(&controller.allocate_predicted(&place).expect("under way"));
-}
-
-fn check(command: &firmware_core::controller::SlotCommand<f64, SENSORS_MAX>) {
-    let p = SCENARIO.mission.parameters();
-    let numbers = [
-        command.user_power.0,
-        command.normalizing_factor,
-        command.rate,
-        command.mse,
-    ];
-    let finite = numbers.iter().all(|x| x.is_finite() && *x >= 0.0);
-    assert!(finite, "{command:?}");
-    assert!(command.user_power <= p.user_power_max, "{command:?}");
-    for b in &command.sensor_coefficients {
-        assert!(*b >= 0.0 && b * b <= p.sensor_power_max.0, "{command:?}");
-    }
-    if command.status.is_feasible() {
-        assert!(command.mse <= p.mse_threshold * (1.0 + 1e-9), "{command:?}");
-    }
+    let command = controller.allocate_predicted(&place).expect("under way");
+    command
+        .check(mission)
+        .expect("a command that keeps the rules");
 }

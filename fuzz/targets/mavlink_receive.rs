@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::{Autopilot, Settings, wire},
+    autopilot::{Autopilot, AutopilotSettings, wire},
     controller::Controller,
     link::FRAME_MAX,
     onboard::{self, Onboard},
@@ -19,7 +19,7 @@ use host_sim::flight::autopilot_settings;
 use libfuzzer_sys::fuzz_target;
 use mavlink::{Message, dialects::common::MavMessage};
 
-static START: LazyLock<(Scenario, Settings<f64>)> = LazyLock::new(|| {
+static START: LazyLock<(Scenario, AutopilotSettings<f64>)> = LazyLock::new(|| {
     let scenario = Scenario::shipped("separated").expect("shipped");
     let settings = autopilot_settings(&scenario, Profile::Multirotor);
     (scenario, settings)
@@ -36,7 +36,7 @@ fuzz_target!(|data: &[u8]| {
     let controller: Controller<f64, _, USERS_MAX, SENSORS_MAX> =
         Controller::new(mission.clone(), StraightLine::new(mission));
     let client = Autopilot::new(settings.clone()).expect("settings that fit");
-    let mut onboard = Onboard::new(onboard::Settings::default(), controller, client);
+    let mut onboard = Onboard::new(onboard::OnboardSettings::default(), controller, client);
     let mut now = Instant::ZERO;
     onboard.autopilot_mut().launch(now);
     let mut sequence = 0_u8;

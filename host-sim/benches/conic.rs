@@ -5,7 +5,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use firmware_core::{
     Position,
     controller::ChannelState,
-    inner::{SlotLimits, alternating::Settings},
+    inner::{SlotLimits, alternating::AlternatingSettings},
 };
 use reference::conic;
 use scenario::Scenario;
@@ -15,7 +15,7 @@ fn slot(criterion: &mut Criterion) {
     let limits = SlotLimits::of_mission(&scenario.mission);
     let state = ChannelState::predicted(&scenario.mission, 1, &Position::new(500.0, 500.0));
     let user = Some(state.user_gains[0]);
-    let settings = Settings::default();
+    let settings = AlternatingSettings::default();
     let mut group = criterion.benchmark_group("conic, J = 36");
     group.sample_size(10);
     group.bench_function("(a) Alg. 1, eq:p_pbp by Clarabel", |bencher| {

@@ -103,9 +103,9 @@ impl Method {
         };
         let gains: Vec<_> = slot.sensor_gain.iter().copied().map(PowerGain).collect();
         let user = slot.user_gain.map(PowerGain);
-        let settings = |tolerance| alternating::Settings {
+        let settings = |tolerance| alternating::AlternatingSettings {
             tolerance,
-            ..alternating::Settings::default()
+            ..alternating::AlternatingSettings::default()
         };
         let mut workspace = Workspace::<f64, SENSORS_MAX>::default();
         Ok(match self {
@@ -134,7 +134,7 @@ impl Method {
                     seconds: begun.elapsed().as_secs_f64(),
                     rate: report.solution.rate,
                     feasible: report.solution.status.is_feasible(),
-                    failed: report.outcome == alternating::Outcome::IterationLimit,
+                    failed: report.outcome == alternating::AlternatingOutcome::IterationLimit,
                     solves: report.subproblems,
                 }
             }

@@ -4,7 +4,7 @@ mod flight;
 
 use firmware_core::Position;
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
-use firmware_core::autopilot::{Coordinates, Leg, Phase, Settings};
+use firmware_core::autopilot::{AutopilotSettings, Coordinates, Leg, Phase};
 use firmware_core::time::{Duration, Instant};
 use flight::{ALTITUDE_M, Flight, SLOT, ready};
 use mavlink::dialects::common::{
@@ -60,7 +60,7 @@ fn a_vehicle_takes_off_straight_up() {
     let place = Position::new(700.0, 420.0);
     for profile in [Profile::Multirotor, Profile::ArduCopter, Profile::Px4] {
         for coordinates in [Coordinates::Local, Coordinates::Global] {
-            let settings = Settings {
+            let settings = AutopilotSettings {
                 coordinates,
                 start: place,
                 ..flight::settings(profile)
@@ -195,7 +195,7 @@ impl Hand {
     fn wait(&mut self, seconds: f64) {
         let end = self.now + Duration::from_secs_f64(seconds);
         while self.now < end {
-            if self.heartbeats && self.now.micros().is_multiple_of(1_000_000) {
+            if self.heartbeats && self.now.as_micros().is_multiple_of(1_000_000) {
                 self.send(&MavMessage::HEARTBEAT(HEARTBEAT_DATA::DEFAULT));
             }
             self.now += Duration::from_millis(10);
@@ -478,7 +478,7 @@ fn samples(hand: &mut Hand, seconds: f64) -> Vec<(f64, LOCAL_POSITION_NED_DATA)>
         hand.listen();
         for message in &hand.heard {
             if let MavMessage::LOCAL_POSITION_NED(sample) = message {
-                samples.push((hand.now.micros() as f64 * 1e-6, sample.clone()));
+                samples.push((hand.now.as_micros() as f64 * 1e-6, sample.clone()));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! A mission with the board's computer, in single precision and stepped from outside as QEMU's is.
 
 use environment::Allocation;
-use firmware_core::console::Decider;
+use firmware_core::console::PolicyKind;
 use host_sim::{
     flight::{
         self, FlightSettings, Pace, Peer,
@@ -21,7 +21,7 @@ fn flown(scenario: &Scenario) -> FlightRecord {
         seed: 1,
         symbols_per_slot: 10,
     };
-    let order = order(scenario, settings.profile, Decider::StraightLine);
+    let order = order(scenario, settings.profile, PolicyKind::StraightLine);
     let mut twin = Twin::new(&order, None).expect("an order that can be flown");
     let vehicle = flight::vehicle_settings(scenario, settings.profile);
     let peer = Peer::built_in(Vehicle::new(vehicle));
@@ -53,7 +53,7 @@ fn a_mission_in_single_precision_arrives_and_is_the_same_each_time() {
 #[test]
 fn an_order_without_its_policy_is_refused() {
     let scenario = Scenario::shipped("separated").expect("shipped");
-    let order = order(&scenario, Profile::Ideal, Decider::Trained);
+    let order = order(&scenario, Profile::Ideal, PolicyKind::Trained);
     let refusal = Twin::new(&order, None).expect_err("no policy");
     assert_eq!(refusal, "there is no trained policy here");
     let refusal = Twin::new(&order, Some((*b"ONNX").into())).expect_err("no policy");

@@ -120,7 +120,7 @@ fn bisection_finds_the_closed_form() {
 #[test]
 fn both_ways_of_alternating_agree() {
     let mut random = Pcg64Mcg::seed_from_u64(22);
-    let settings = alternating::Settings::default();
+    let settings = alternating::AlternatingSettings::default();
     let mut feasible_slots = 0;
     for case in 0..4 {
         let problem = draw(&mut random, [2.0, 4.0][case % 2]);

@@ -7,7 +7,7 @@ use environment::Allocation;
 use firmware_core::Position;
 use firmware_core::autopilot::preflight::PreflightRefusal;
 use firmware_core::autopilot::wire::Address;
-use firmware_core::autopilot::{Geofence, OwnAddress, Phase, Settings};
+use firmware_core::autopilot::{AutopilotSettings, Geofence, OwnAddress, Phase};
 use firmware_core::policy::StraightLine;
 use firmware_core::time::Duration;
 use flight::{Flight, ready, settings, vehicle};
@@ -88,7 +88,7 @@ fn the_ground_control_failsafe_counts_one_system_id() {
 /// A client that is told to launch and a vehicle that was changed, until the start was refused.
 fn refused(
     profile: Profile,
-    change: impl FnOnce(&mut Settings<f64>, &mut Vehicle, &mut VehicleSettings),
+    change: impl FnOnce(&mut AutopilotSettings<f64>, &mut Vehicle, &mut VehicleSettings),
 ) -> PreflightRefusal {
     let (mut settings, mut vehicle_settings) = (settings(profile), vehicle(profile));
     settings.preflight.area = Some((Position::origin(), Position::new(1000.0, 1000.0)));
@@ -161,15 +161,16 @@ fn what_waiting_cannot_cure_is_refused_with_both_numbers() {
     };
     assert_eq!(slow, too_slow);
 
-    let fence = |settings: &mut Settings<f64>, vehicle: &mut VehicleSettings, ceiling_m: f32| {
-        settings.altitude_m = 100.0;
-        let fence = [
-            ("FENCE_ENABLE", 1.0),
-            ("FENCE_RADIUS", 1400.0),
-            ("FENCE_ALT_MAX", ceiling_m),
-        ];
-        set(vehicle, &[&FAST[..], &fence].concat());
-    };
+    let fence =
+        |settings: &mut AutopilotSettings<f64>, vehicle: &mut VehicleSettings, ceiling_m: f32| {
+            settings.altitude_m = 100.0;
+            let fence = [
+                ("FENCE_ENABLE", 1.0),
+                ("FENCE_RADIUS", 1400.0),
+                ("FENCE_ALT_MAX", ceiling_m),
+            ];
+            set(vehicle, &[&FAST[..], &fence].concat());
+        };
     let low = refused(Profile::ArduCopter, |settings, _, vehicle| {
         fence(settings, vehicle, 100.0);
     });

@@ -12,7 +12,7 @@ use firmware_core::Position;
 use firmware_core::autopilot::failsafe::{Cause, Reaction};
 use firmware_core::autopilot::frames::Geodetic;
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
-use firmware_core::autopilot::{Autopilot, Event, Leg, Phase, Sample, Settings};
+use firmware_core::autopilot::{Autopilot, AutopilotSettings, Event, Leg, Phase, Sample};
 use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, GPS_GLOBAL_ORIGIN_DATA, MavCmd, MavMessage, MavParamType,
@@ -238,10 +238,10 @@ impl Replay {
             path: path.collect(),
             launch_at: commanded(MavCmd::MAV_CMD_DO_SET_MODE).map(|at| at.back(LAUNCH_LEAD)),
             land_at: commanded(MavCmd::MAV_CMD_NAV_LAND),
-            client: Autopilot::new(Settings {
+            client: Autopilot::new(AutopilotSettings {
                 limits: profile.client_limits(),
                 set_parameters: true,
-                ..Settings::new(map_origin.unwrap(), Position::origin(), 100.0, 30.0)
+                ..AutopilotSettings::new(map_origin.unwrap(), Position::origin(), 100.0, 30.0)
             })
             .unwrap(),
             records: records.into(),
@@ -380,14 +380,15 @@ impl Replay {
     }
 
     fn log(&self) -> String {
-        let line =
-            |(at, event): &(Instant, Event)| format!("{:9.3} {event}\n", at.micros() as f64 * 1e-6);
+        let line = |(at, event): &(Instant, Event)| {
+            format!("{:9.3} {event}\n", at.as_micros() as f64 * 1e-6)
+        };
         self.events.iter().map(line).collect()
     }
 }
 
 fn seconds(at: Instant) -> f64 {
-    at.micros() as f64 * 1e-6
+    at.as_micros() as f64 * 1e-6
 }
 
 /// PX4 stands at rest with ESTIMATOR_CONST_POS_MODE set for as long as it is recorded.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use firmware_core::autopilot::{Autopilot, Leg, LegEnd, Phase, Settings};
+use firmware_core::autopilot::{Autopilot, AutopilotSettings, Leg, LegEnd, Phase};
 use firmware_core::time::Instant;
 use flight::{ALTITUDE_M, SLOT, SPEED_MPS, free_port, origin, start, zigzag};
 use host_sim::serve::serve;
@@ -91,7 +91,7 @@ fn over_udp_the_ideal_vehicle_is_at_every_waypoint_at_the_slots_end() {
             )
         }
     });
-    let settings = Settings::new(origin(), start(), ALTITUDE_M, SPEED_MPS);
+    let settings = AutopilotSettings::new(origin(), start(), ALTITUDE_M, SPEED_MPS);
     let link: LinkAddress = format!("udpout:127.0.0.1:{port}").parse().unwrap();
     let mut flight = RealTime {
         begin: std::time::Instant::now(),

@@ -110,7 +110,7 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
     settings.ready_after = Duration::from_secs(2);
     let process = Process::start(settings);
     let (session, client) = process.visit(Profile::ArduCopter, None);
-    let settings = firmware_core::autopilot::Settings {
+    let settings = firmware_core::autopilot::AutopilotSettings {
         set_parameters: true,
         ..*client.settings()
     };
@@ -154,7 +154,7 @@ fn an_uploaded_mission_is_followed_to_its_end() {
         settings.ready_after = Duration::from_secs(2);
         let process = Process::start(settings);
         let (mut session, client) = process.visit(profile, None);
-        let settings = firmware_core::autopilot::Settings {
+        let settings = firmware_core::autopilot::AutopilotSettings {
             set_parameters: true,
             ..*client.settings()
         };

@@ -58,7 +58,7 @@ impl Allocation {
         let p = mission.parameters();
         match self {
             Self::Exact => Method::Exact,
-            Self::Alternating => Method::Alternating(alternating::Settings::default()),
+            Self::Alternating => Method::Alternating(alternating::AlternatingSettings::default()),
             Self::FixedUserPower(power) => {
                 Method::FixedUserPower(power.map_or(p.user_power_max, |watts| Watt(T::of(watts))))
             }

@@ -37,7 +37,7 @@ impl<W: Write> TlogWriter<W> {
     /// Appends a frame that was sent or received at `now`. Once a second of that time the log is
     /// written out, so that a process that is killed leaves one.
     pub fn record(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
-        let time = self.epoch_us.saturating_add(now.micros());
+        let time = self.epoch_us.saturating_add(now.as_micros());
         self.out.write_all(&time.to_be_bytes())?;
         self.out.write_all(frame)?;
         if now >= self.flush_due {

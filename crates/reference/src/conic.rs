@@ -20,7 +20,7 @@ use clarabel::solver::{
 };
 use firmware_core::{
     PowerGain,
-    inner::{LimitedBy, SlotLimits, alternating::Settings},
+    inner::{LimitedBy, SlotLimits, alternating::AlternatingSettings},
 };
 
 use program::{Program, is_infeasible, is_solution};
@@ -159,7 +159,7 @@ pub fn alternate(
     limits: &SlotLimits<f64>,
     gains: &[PowerGain<f64>],
     user: Option<PowerGain<f64>>,
-    settings: &Settings<f64>,
+    settings: &AlternatingSettings<f64>,
 ) -> Report {
     let slot = Slot::new(limits, gains, user);
     let mut solves = 0;

@@ -256,7 +256,7 @@ impl Problem {
         let user = user_gain.unwrap_or_default();
         // Also where another solver answers: it is the check of the user's gain.
         let exact = field.solve(user_gain).map_err(LineError::input)?;
-        let alternating = alternating::Settings::<T>::default();
+        let alternating = alternating::AlternatingSettings::<T>::default();
         match method {
             Method::Exact => Ok(Answer::new(&field, &exact, &sensor_gains, user)),
             Method::Alternating => {
@@ -281,7 +281,7 @@ impl Problem {
         let (report, rested) = if method == Method::Conic {
             (conic::bisect(&limits, &gains, user), Finding::Optimal)
         } else {
-            let settings = alternating::Settings::default();
+            let settings = alternating::AlternatingSettings::default();
             (
                 conic::alternate(&limits, &gains, user, &settings),
                 Finding::Converged,

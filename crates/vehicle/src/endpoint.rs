@@ -79,7 +79,7 @@ impl Vehicle {
             }
             MavMessage::TIMESYNC(sync) if sync.tc1 == 0 => {
                 self.send(&MavMessage::TIMESYNC(TIMESYNC_DATA {
-                    tc1: i64::try_from(now.micros()).unwrap_or(i64::MAX) * 1_000,
+                    tc1: i64::try_from(now.as_micros()).unwrap_or(i64::MAX) * 1_000,
                     ts1: sync.ts1,
                     target_system: from.system,
                     target_component: from.component,

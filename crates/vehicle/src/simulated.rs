@@ -189,7 +189,7 @@ impl Vehicle {
     /// The vehicle's own time at the caller's `now`.
     pub(super) fn own_time(&mut self, now: Instant) -> Instant {
         let now = self.stalling.time(now);
-        Instant::from_micros((now.micros() as f64 * self.settings.clock_rate).round() as u64)
+        Instant::from_micros((now.as_micros() as f64 * self.settings.clock_rate).round() as u64)
     }
 
     /// Takes a datagram, or a piece of a byte stream, that came at `now`.

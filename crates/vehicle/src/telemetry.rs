@@ -85,13 +85,13 @@ impl Vehicle {
                     latitude: origin.latitude_e7,
                     longitude: origin.longitude_e7,
                     altitude: (self.settings.elevation_m * 1e3).round() as i32,
-                    time_usec: now.micros(),
+                    time_usec: now.as_micros(),
                 }));
             }
             ESTIMATOR_STATUS if self.firmware != Firmware::ArduCopter => {
                 let flags = self.estimator_flags();
                 self.send(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
-                    time_usec: now.micros(),
+                    time_usec: now.as_micros(),
                     flags,
                     pos_horiz_accuracy: 0.3,
                     ..ESTIMATOR_STATUS_DATA::DEFAULT

@@ -113,8 +113,8 @@ impl Timing {
         if grid == Duration::ZERO {
             return now;
         }
-        let before = now.back(up_to(grid / 2, &mut self.random)).micros();
-        Instant::from_micros(before - before % grid.micros())
+        let before = now.back(up_to(grid / 2, &mut self.random)).as_micros();
+        Instant::from_micros(before - before % grid.as_micros())
     }
 
     /// When a frame that was made at `now` leaves; never before the one made before it.
@@ -161,7 +161,7 @@ mod tests {
         // Four to six stalls a minute, or one more or less.
         assert!((450..=1_200).contains(&stood), "{stood} ms");
         // Each stall begins and ends between two looks.
-        let lost_ms = (Instant::from_micros(60_000_000) - last).micros() / 1_000;
+        let lost_ms = (Instant::from_micros(60_000_000) - last).as_micros() / 1_000;
         assert!(lost_ms.abs_diff(stood.into()) <= 10, "{lost_ms} {stood}");
     }
 }

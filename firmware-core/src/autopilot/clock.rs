@@ -1,70 +1,72 @@
-//! The vehicle's clock, seen from ours.
+//! The relation between the vehicle's clock and ours.
 //!
-//! Every position carries the vehicle's own time since boot. What is flown is scheduled in that
-//! time, because nobody else's is reproducible from a log: slot `n` ends at `t_0 + n delta` of
-//! the vehicle's clock, whatever messages arrive when. [`VehicleClock`] maps our time to it.
+//! Every position carries the vehicle's own time since boot. Legs are scheduled in that time,
+//! because no other clock can be reproduced from a log: slot `n` ends at `t_0 + n delta` of the
+//! vehicle's clock, whenever messages are received. [`VehicleClock`] maps our time to it.
 //!
 //! # Model
 //!
-//! A message that was stamped `v` on the vehicle arrives at `o = offset + v / rate + delay` of our
-//! time, where `delay >= 0` is different for every message. The two clocks may differ in rate by
-//! several per cent (a simulation that does not keep up, or `--speed`), and a link may hold
-//! messages back for a moment. So:
+//! A message that was stamped `v` on the vehicle is received at `o = offset + v / rate + delay` of
+//! our time, where `delay >= 0` is different for every message. The two clocks may differ in rate
+//! by several per cent (a simulation that does not keep up, or `--speed`), and a link may hold
+//! messages back for a moment. Therefore:
 //!
-//! * of each [`BUCKET`] of our time, the message that was delayed least stands for all;
-//! * the rate is the median of the slopes between such messages [`SLOPE`] buckets apart: a few
-//!   late buckets have no effect;
-//! * the offset is that of the message which was delayed least in the last [`RECENT`] buckets;
+//! * of each [`BUCKET`] of our time, only the message with the smallest delay is used;
+//! * the rate is the median of the slopes between such messages [`SLOPE`] buckets apart: a few late
+//!   buckets have no effect;
+//! * the offset is that of the message with the smallest delay in the last [`RECENT`] buckets;
 //! * a simulation that stalls loses time for good (ArduCopter's: all but 100 ms of a stall): where
 //!   the messages of three [`BURST`]s or more, over [`STALL_WINDOW`] or longer, are all later than
-//!   that by more than [`STALL`], what came before them no longer counts. A *link* that paused
+//!   that by more than [`STALL`], earlier messages are no longer used. A *link* that paused
 //!   delivers what it held back in one burst, whose last message is not late.
 //!
-//! The mapping that is published follows the estimate smoothly once a flight depends on it: it is
-//! corrected by at most [`SLEW`] of the time that passes, unless it is off by more than [`STEP`].
-//! A mapping that is ahead is corrected sooner ([`SLEW_AHEAD`]): setpoints that are ahead of the
-//! vehicle's clock make the vehicle fly too far in a slot.
+//! The published mapping follows the estimate smoothly once a flight depends on it: it is corrected
+//! by at most [`SLEW`] of the time that passes, unless it is off by more than [`STEP`]. A mapping
+//! that is ahead is corrected sooner ([`SLEW_AHEAD`]): setpoints that are ahead of the vehicle's
+//! clock make the vehicle fly too far in a slot.
 //!
 //! Worst case: [`BUCKETS`] points, one selection a second, [`BURSTS`] comparisons a
 //! message. About 900 bytes.
 
 use crate::time::{Duration, Instant};
 
-/// Length of a bucket, in our time.
+/// The length of a bucket, in our time.
 const BUCKET: Duration = Duration::from_secs(1);
-/// How many buckets the estimate is made from.
+/// The number of buckets that the estimate is made from.
 const BUCKETS: usize = 32;
-/// The rate is estimated from this many buckets on; until then the clocks count as equally fast.
+/// The number of buckets from which on the rate is estimated; until then the clocks count as
+/// equally fast.
 const BUCKETS_FOR_RATE: usize = 6;
-/// How many buckets apart the messages are whose slopes are compared.
+/// The distance, in buckets, of the messages whose slopes are compared.
 const SLOPE: usize = 4;
-/// How many buckets the offset is taken from.
+/// The number of buckets that the offset is taken from.
 const RECENT: usize = 3;
-/// Messages that come within this time of each other are one burst; the least delayed stands for
-/// all.
+/// Messages that are received within this time of each other are one burst, of which only the
+/// message with the smallest delay is used.
 const BURST: Duration = Duration::from_millis(5);
-/// After a stall messages have to be late for so long until it is believed.
+/// The time for which messages must be late after a stall until it is accepted.
 const STALL_WINDOW: Duration = Duration::from_millis(60);
-/// So many bursts at least have to be late.
+/// The smallest number of bursts that must be late.
 const STALL_BURSTS: usize = 3;
-/// By more than this, microseconds.
+/// The smallest lateness, microseconds.
 const STALL: f64 = 40_000.0;
-/// Bursts that are kept: as many as fit [`STALL_WINDOW`].
-const BURSTS: usize = STALL_BURSTS + (STALL_WINDOW.micros() / BURST.micros()) as usize;
-/// The largest rate of correction, of the time that passes.
+/// The number of bursts that are kept: as many as fit [`STALL_WINDOW`].
+const BURSTS: usize = STALL_BURSTS + (STALL_WINDOW.as_micros() / BURST.as_micros()) as usize;
+/// The largest rate of correction, as a fraction of the time that passes.
 const SLEW: f64 = 0.05;
 /// The same where the mapping is ahead of the vehicle's clock.
 const SLEW_AHEAD: f64 = 0.3;
-/// A mapping that is off by more than this is set at once, microseconds.
+/// The smallest error at which a mapping is set at once, microseconds.
 const STEP: f64 = 80_000.0;
-/// Time in which a deviation would be corrected if [`SLEW`] allowed it, microseconds.
+/// The time in which a deviation would be corrected if [`SLEW`] allowed it, microseconds.
 const CORRECTION: f64 = 1e6;
 /// The same where the mapping is ahead of the vehicle's clock.
 const CORRECTION_AHEAD: f64 = 0.25e6;
-/// Rates outside this range are not believed.
+/// Estimates of the rate outside this range are discarded.
 const RATES: core::ops::RangeInclusive<f64> = 0.5..=2.0;
 
-/// A message: when it was stamped on the vehicle and when it came, microseconds of either clock.
+/// A message: when it was stamped on the vehicle and when it was received, microseconds of either
+/// clock.
 #[derive(Clone, Copy, Debug)]
 struct Stamp {
     vehicle_us: u64,
@@ -72,7 +74,7 @@ struct Stamp {
 }
 
 impl Stamp {
-    /// When the vehicle's clock showed zero, in our time, if it ran at `rate`.
+    /// Returns when the vehicle's clock showed zero, in our time, if it ran at `rate`.
     fn offset_us(&self, rate: f64) -> f64 {
         self.ours_us as f64 - self.vehicle_us as f64 / rate
     }
@@ -85,15 +87,15 @@ pub struct VehicleClock {
     buckets: heapless::Deque<Stamp, BUCKETS>,
     /// The least delayed messages of the latest bursts, oldest first.
     bursts: heapless::Deque<Stamp, BURSTS>,
-    /// When the latest message came.
+    /// When the latest message was received.
     latest_us: u64,
-    /// What came earlier, in our time, was before the last stall.
+    /// The time of the last stall, in our time; earlier messages are not used.
     stalled_us: u64,
     /// When the newest bucket began, in our time.
     bucket_since: Instant,
-    /// Estimated: seconds of the vehicle per second of ours.
+    /// The estimated rate, in seconds of the vehicle per second of ours.
     rate: f64,
-    /// Published: at `ours_us` the vehicle's clock showed `vehicle_us` and ran at `pace`.
+    /// The published mapping.
     published: Option<Published>,
 }
 
@@ -101,7 +103,7 @@ pub struct VehicleClock {
 struct Published {
     ours_us: u64,
     vehicle_us: f64,
-    pace: f64,
+    rate: f64,
 }
 
 impl Published {
@@ -111,7 +113,7 @@ impl Published {
         } else {
             -((self.ours_us - ours_us) as f64)
         };
-        self.vehicle_us + passed * self.pace
+        self.vehicle_us + passed * self.rate
     }
 }
 
@@ -130,12 +132,12 @@ impl Default for VehicleClock {
 }
 
 impl VehicleClock {
-    /// Takes a message that was stamped `vehicle` by the vehicle and came at `now`. With `smooth`
-    /// the published mapping does not jump.
+    /// Processes a message that was stamped `vehicle` by the vehicle and received at `now`. With
+    /// `smooth` the published mapping does not jump.
     pub fn observe(&mut self, now: Instant, vehicle: Instant, smooth: bool) {
         let stamp = Stamp {
-            vehicle_us: vehicle.micros(),
-            ours_us: now.micros(),
+            vehicle_us: vehicle.as_micros(),
+            ours_us: now.as_micros(),
         };
         let opens = self.buckets.is_empty() || now - self.bucket_since >= BUCKET;
         if opens {
@@ -155,11 +157,10 @@ impl VehicleClock {
         self.publish(now, smooth);
     }
 
-    /// Takes a message into the latest bursts, and forgets what came before them if they show a
-    /// stall.
+    /// Adds a message to the latest bursts, and discards earlier messages if they show a stall.
     fn look_for_stall(&mut self, stamp: Stamp) {
         let rate = self.rate;
-        let continues = stamp.ours_us.saturating_sub(self.latest_us) < BURST.micros();
+        let continues = stamp.ours_us.saturating_sub(self.latest_us) < BURST.as_micros();
         self.latest_us = stamp.ours_us;
         match self.bursts.back_mut() {
             Some(burst) if continues => {
@@ -175,7 +176,7 @@ impl VehicleClock {
                 let _ = self.bursts.push_back(stamp);
             }
         }
-        let window_us = stamp.ours_us.saturating_sub(STALL_WINDOW.micros());
+        let window_us = stamp.ours_us.saturating_sub(STALL_WINDOW.as_micros());
         let is_before = |burst: &Stamp| burst.ours_us <= window_us;
         while self.bursts.len() > STALL_BURSTS && self.bursts.iter().nth(1).is_some_and(is_before) {
             self.bursts.pop_front();
@@ -196,7 +197,8 @@ impl VehicleClock {
         }
     }
 
-    /// When the vehicle's clock showed zero, in our time: of the message that was delayed least.
+    /// Returns when the vehicle's clock showed zero, in our time, from the message with the
+    /// smallest delay.
     fn offset_us(&self) -> f64 {
         let recent = self.buckets.iter().rev().take(RECENT);
         recent
@@ -205,34 +207,36 @@ impl VehicleClock {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The vehicle's clock at `now`; `None` before the first message.
+    /// Returns the vehicle's clock at `now`, or `None` before the first message.
     pub fn vehicle_time(&self, now: Instant) -> Option<Instant> {
-        let vehicle_us = self.published?.vehicle_us(now.micros());
+        let vehicle_us = self.published?.vehicle_us(now.as_micros());
         // `as` saturates and sends NaN to 0.
         Some(Instant::from_micros(libm::round(vehicle_us) as u64))
     }
 
-    /// When the vehicle's clock shows `vehicle`, in our time; `None` before the first message.
+    /// Returns when the vehicle's clock shows `vehicle`, in our time, or `None` before the first
+    /// message.
     pub fn our_time(&self, vehicle: Instant) -> Option<Instant> {
         let published = self.published?;
-        let ahead = (vehicle.micros() as f64 - published.vehicle_us) / published.pace;
+        let ahead = (vehicle.as_micros() as f64 - published.vehicle_us) / published.rate;
         let ours = published.ours_us as f64 + ahead;
         Some(Instant::from_micros(libm::ceil(ours) as u64))
     }
 
-    /// Seconds of the vehicle per second of ours, as estimated.
+    /// Returns the estimated rate, in seconds of the vehicle per second of ours.
     pub fn rate(&self) -> f64 {
         self.rate
     }
 
-    /// When the vehicle's clock last lost time in a stall, in our time; zero if it never did.
+    /// Returns when the vehicle's clock last lost time in a stall, in our time; zero if it never
+    /// did.
     pub fn last_stall(&self) -> Instant {
         Instant::from_micros(self.stalled_us)
     }
 
-    /// The median slope between points [`SLOPE`] buckets apart.
+    /// Estimates the rate as the median slope between points [`SLOPE`] buckets apart.
     fn estimate_rate(&mut self) {
-        // The newest bucket has one message so far, however late.
+        // The newest bucket has only one message so far, which may be late.
         let known = self.buckets.len().saturating_sub(1);
         if known < BUCKETS_FOR_RATE {
             return;
@@ -242,7 +246,7 @@ impl VehicleClock {
         for (earlier, later) in self.buckets.iter().zip(later) {
             let ours = later.ours_us.saturating_sub(earlier.ours_us) as f64;
             let vehicle = later.vehicle_us.saturating_sub(earlier.vehicle_us) as f64;
-            // Holds no more than BUCKETS.
+            // There are no more than BUCKETS slopes.
             let _ = slopes.push(vehicle / ours.max(1.0));
         }
         let middle = slopes.len() / 2;
@@ -254,12 +258,12 @@ impl VehicleClock {
 
     fn publish(&mut self, now: Instant, smooth: bool) {
         let rate = self.rate;
-        let ours_us = now.micros();
+        let ours_us = now.as_micros();
         let estimate_us = (ours_us as f64 - self.offset_us()) * rate;
         let known_us = self
             .published
             .map(|published| published.vehicle_us(ours_us));
-        let (vehicle_us, pace) = match known_us {
+        let (vehicle_us, rate) = match known_us {
             Some(known_us) if smooth && libm::fabs(estimate_us - known_us) <= STEP => {
                 let behind_us = estimate_us - known_us;
                 let correction = if behind_us < 0.0 {
@@ -274,7 +278,7 @@ impl VehicleClock {
         self.published = Some(Published {
             ours_us,
             vehicle_us,
-            pace,
+            rate,
         });
     }
 }
@@ -333,8 +337,8 @@ mod tests {
         assert_eq!(clock.rate(), 1.0);
     }
 
-    /// ArduCopter's simulation catches up 100 ms of a stall at most: the rest is lost for good.
-    /// PX4's lost 150 ms beside builds. Small stalls are corrected smoothly.
+    /// ArduCopter's simulation makes up for at most 100 ms of a stall; the rest is lost. PX4's
+    /// lost 150 ms on a busy machine. Small stalls are corrected smoothly.
     #[test]
     fn time_that_the_vehicle_lost_is_known_soon() {
         for lost_ms in [30, 60, 150, 516] {

@@ -1,18 +1,23 @@
-//! One command at a time: sent, acknowledged, repeated, given up.
+//! Acknowledged commands, one at a time: sent, repeated, given up.
 //!
-//! Each command is repeated with a rising `confirmation` until its COMMAND_ACK comes. What the
-//! acknowledgement means for the flight is judged elsewhere by the autopilot's *state* (mode,
-//! armed, altitude), since an autopilot may accept what it then does not do.
+//! Each command is repeated with a rising `confirmation` until its COMMAND_ACK is received. Whether
+//! the command had its effect is decided elsewhere from the autopilot's *state* (mode, armed,
+//! altitude), because an autopilot may accept a command and then not carry it out.
 
 use core::fmt;
 
-use mavlink::dialects::common::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavResult};
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA,
+    EXTENDED_SYS_STATE_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA,
+    MavCmd, MavResult, SYS_STATUS_DATA,
+};
 
 use super::profile::{Firmware, Mode};
-use super::wire::Address;
+use super::wire::{Address, ekf_status_report};
 use crate::time::{Duration, Instant};
 
-/// What can be asked of an autopilot.
+/// A command to an autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Request {
     /// Send a message at this interval from now on.
@@ -47,7 +52,7 @@ pub enum Request {
 }
 
 impl Request {
-    /// The command's name, for people and logs.
+    /// Returns the command's name for messages and logs.
     pub fn name(&self) -> &'static str {
         match self {
             Self::MessageInterval { .. } => "SET_MESSAGE_INTERVAL",
@@ -62,7 +67,7 @@ impl Request {
         }
     }
 
-    /// Whether it can move the vehicle or its motors.
+    /// Returns whether the command can move the vehicle or its motors.
     pub fn moves(&self) -> bool {
         !matches!(self, Self::MessageInterval { .. } | Self::Message { .. })
     }
@@ -80,13 +85,13 @@ impl Request {
         }
     }
 
-    /// Parameters 1 to 7. Unused ones are zero, never NaN: a NaN has crashed an autopilot.
+    /// Returns parameters 1 to 7. Unused ones are zero, never NaN: a NaN has crashed an autopilot.
     fn parameters(&self, firmware: Firmware) -> [f32; 7] {
         let mut p = [0.0; 7];
         match *self {
             Self::MessageInterval { message, interval } => {
                 p[0] = message as f32;
-                p[1] = interval.micros() as f32;
+                p[1] = interval.as_micros() as f32;
             }
             Self::Message { message } => p[0] = message as f32,
             Self::SetMode(mode) => {
@@ -101,22 +106,22 @@ impl Request {
     }
 }
 
-/// The names of the messages that the client asks for.
+/// Returns the name of a message that the client asks for.
 fn message_name(id: u32) -> Option<&'static str> {
     Some(match id {
-        0 => "HEARTBEAT",
-        1 => "SYS_STATUS",
-        32 => "LOCAL_POSITION_NED",
-        49 => "GPS_GLOBAL_ORIGIN",
-        193 => "EKF_STATUS_REPORT",
-        230 => "ESTIMATOR_STATUS",
-        245 => "EXTENDED_SYS_STATE",
-        436 => "CURRENT_MODE",
+        CURRENT_MODE_DATA::ID => CURRENT_MODE_DATA::NAME,
+        ESTIMATOR_STATUS_DATA::ID => ESTIMATOR_STATUS_DATA::NAME,
+        EXTENDED_SYS_STATE_DATA::ID => EXTENDED_SYS_STATE_DATA::NAME,
+        GPS_GLOBAL_ORIGIN_DATA::ID => GPS_GLOBAL_ORIGIN_DATA::NAME,
+        HEARTBEAT_DATA::ID => HEARTBEAT_DATA::NAME,
+        LOCAL_POSITION_NED_DATA::ID => LOCAL_POSITION_NED_DATA::NAME,
+        SYS_STATUS_DATA::ID => SYS_STATUS_DATA::NAME,
+        ekf_status_report::ID => ekf_status_report::NAME,
         _ => return None,
     })
 }
 
-/// The command's name and, where it is about a message, the message's name.
+/// Writes the command's name and, where it concerns a message, the message's name.
 impl fmt::Display for Request {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())?;
@@ -132,9 +137,9 @@ impl fmt::Display for Request {
     }
 }
 
-/// How a command ended.
+/// The outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Outcome {
+pub enum CommandOutcome {
     /// Accepted by the autopilot.
     Accepted,
     /// Refused, with its last answer.
@@ -143,16 +148,16 @@ pub enum Outcome {
     Unanswered,
 }
 
-/// How long to wait for answers and how often to ask.
+/// The time-outs and attempts of commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Patience {
-    /// Without an answer for this long a command is repeated.
+    /// The time without an answer after which a command is repeated.
     pub answer: Duration,
-    /// Pause before a command is repeated that was refused for now.
+    /// The pause before a command that was temporarily refused is repeated.
     pub pause: Duration,
-    /// After "in progress" the final answer may take this long.
+    /// The time that the final answer may take after "in progress".
     pub progress: Duration,
-    /// A command is sent at most this often.
+    /// The largest number of times that a command is sent.
     pub attempts: u8,
 }
 
@@ -167,25 +172,25 @@ impl Default for Patience {
     }
 }
 
-/// A command under way.
+/// A command that was not completed yet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pending {
     pub(super) request: Request,
     attempts: u8,
-    /// When it is sent next (again).
+    /// The time at which it is sent next.
     due: Instant,
     last_refusal: Option<MavResult>,
     in_progress: bool,
 }
 
-/// What came of looking at the clock.
+/// What is to be done with a pending command at a given time.
 pub(super) enum Turn {
     /// Nothing to do yet.
     Wait,
-    /// Send it; the number is `confirmation`.
+    /// Send it with this value of `confirmation`.
     Send(u8),
-    /// Attempts are used up.
-    Over(Outcome),
+    /// All attempts were used.
+    Over(CommandOutcome),
 }
 
 impl Pending {
@@ -217,7 +222,7 @@ impl Pending {
         } else if self.in_progress || self.attempts >= patience.attempts {
             Turn::Over(
                 self.last_refusal
-                    .map_or(Outcome::Unanswered, Outcome::Refused),
+                    .map_or(CommandOutcome::Unanswered, CommandOutcome::Refused),
             )
         } else {
             Turn::Send(self.attempts)
@@ -248,18 +253,18 @@ impl Pending {
         }
     }
 
-    /// Takes an acknowledgement; `Some` when the command is over.
+    /// Processes an acknowledgement. Returns `Some` when the command is completed.
     pub(super) fn answer(
         &mut self,
         now: Instant,
         ack: &COMMAND_ACK_DATA,
         patience: &Patience,
-    ) -> Option<Outcome> {
+    ) -> Option<CommandOutcome> {
         if ack.command != self.request.command() || self.attempts == 0 {
             return None;
         }
         match ack.result {
-            MavResult::MAV_RESULT_ACCEPTED => Some(Outcome::Accepted),
+            MavResult::MAV_RESULT_ACCEPTED => Some(CommandOutcome::Accepted),
             MavResult::MAV_RESULT_IN_PROGRESS => {
                 if !self.in_progress {
                     self.in_progress = true;
@@ -267,13 +272,13 @@ impl Pending {
                 }
                 None
             }
-            // PX4's answer for a message whose interval it does not let anybody set.
+            // PX4's answer for a message whose interval cannot be set.
             MavResult::MAV_RESULT_FAILED
                 if matches!(self.request, Request::MessageInterval { .. }) =>
             {
-                Some(Outcome::Refused(MavResult::MAV_RESULT_FAILED))
+                Some(CommandOutcome::Refused(MavResult::MAV_RESULT_FAILED))
             }
-            // "Not now": checks that do not pass yet, a position that is not there yet.
+            // A temporary refusal: checks that do not pass yet, a position that is not known yet.
             refusal @ (MavResult::MAV_RESULT_TEMPORARILY_REJECTED
             | MavResult::MAV_RESULT_FAILED) => {
                 self.in_progress = false;
@@ -281,12 +286,12 @@ impl Pending {
                 self.due = now + patience.pause;
                 None
             }
-            refusal => Some(Outcome::Refused(refusal)),
+            refusal => Some(CommandOutcome::Refused(refusal)),
         }
     }
 }
 
-/// An answer in words.
+/// Returns the text of a result.
 pub(super) fn result_name(result: MavResult) -> &'static str {
     match result {
         MavResult::MAV_RESULT_ACCEPTED => "accepted",
@@ -334,7 +339,7 @@ mod tests {
         }
         assert!(matches!(
             pending.turn(at(1500), &PATIENCE),
-            Turn::Over(Outcome::Unanswered)
+            Turn::Over(CommandOutcome::Unanswered)
         ));
     }
 
@@ -359,7 +364,7 @@ mod tests {
         let denied = ack(arm, MavResult::MAV_RESULT_DENIED);
         assert_eq!(
             pending.answer(at(1100), &denied, &PATIENCE),
-            Some(Outcome::Refused(MavResult::MAV_RESULT_DENIED))
+            Some(CommandOutcome::Refused(MavResult::MAV_RESULT_DENIED))
         );
     }
 
@@ -367,14 +372,14 @@ mod tests {
     #[test]
     fn a_message_interval_that_failed_is_refused_for_good() {
         let request = Request::MessageInterval {
-            message: 0,
+            message: HEARTBEAT_DATA::ID,
             interval: Duration::from_millis(200),
         };
         let mut pending = Pending::new(at(0), request);
         pending.sent(at(0), &PATIENCE);
         let failed = MavResult::MAV_RESULT_FAILED;
         let answer = ack(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, failed);
-        let outcome = Outcome::Refused(failed);
+        let outcome = CommandOutcome::Refused(failed);
         assert_eq!(pending.answer(at(1), &answer, &PATIENCE), Some(outcome));
         let event = crate::autopilot::Event::Failed { request, outcome };
         assert_eq!(
@@ -394,7 +399,7 @@ mod tests {
         assert!(matches!(pending.turn(at(5000), &PATIENCE), Turn::Wait));
         assert!(matches!(
             pending.turn(at(5100), &PATIENCE),
-            Turn::Over(Outcome::Unanswered)
+            Turn::Over(CommandOutcome::Unanswered)
         ));
     }
 
@@ -403,7 +408,7 @@ mod tests {
         for firmware in [Firmware::Generic, Firmware::ArduCopter, Firmware::Px4] {
             for request in [
                 Request::MessageInterval {
-                    message: 32,
+                    message: LOCAL_POSITION_NED_DATA::ID,
                     interval: Duration::from_micros(u64::MAX),
                 },
                 Request::SetMode(firmware.control_mode()),

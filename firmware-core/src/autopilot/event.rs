@@ -1,7 +1,7 @@
-//! What the client has to say, in the order it happened.
+//! Events of the client, in the order in which they occurred.
 //!
-//! Events are data with a `Display` that puts them into words; the queue is bounded, and when
-//! nobody takes them the oldest go, counted.
+//! Events are data with a `Display` that describes them. The queue is bounded: when it is full the
+//! oldest event is dropped and counted.
 
 use core::fmt;
 
@@ -9,76 +9,76 @@ use heapless::{Deque, String};
 use mavlink::dialects::common::MavResult;
 
 use super::checks::Finding;
-use super::command::{Outcome, Request, result_name};
+use super::command::{CommandOutcome, Request, result_name};
 use super::failsafe::{Cause, Reaction};
+use super::phase::{Obstacle, Phase};
 use super::preflight::PreflightRefusal;
 use super::profile::{Firmware, Mode};
-use super::{Obstacle, Phase};
 
-/// Something that happened.
+/// An event of the client.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// The first heartbeat of the autopilot that is flown from now on.
+    /// The first heartbeat of the autopilot that is flown from now on was received.
     Connected {
-        /// Its system id.
+        /// The system id of the autopilot.
         system: u8,
-        /// Its software.
+        /// The software of the autopilot.
         firmware: Firmware,
     },
     /// A new phase began.
     Phase(Phase),
-    /// What the checks wait for.
+    /// The checks wait for this condition.
     Waiting(Obstacle),
-    /// The start is refused: what does not fit cannot be cured by waiting.
+    /// The start is refused for a reason that does not go away by waiting.
     Refused(PreflightRefusal),
-    /// The trial leg has shown that the airframe is slower than it was told to fly.
+    /// The trial leg has shown that the airframe is slower than requested.
     SlowAirframe {
         /// The largest speed of the reference, m/s.
         asked_mps: f32,
-        /// The largest that was measured, m/s.
+        /// The largest measured speed, m/s.
         reached_mps: f32,
     },
-    /// What the checks found.
+    /// The checks have found something.
     Finding(Finding),
-    /// The autopilot says something itself.
+    /// The autopilot sent a text.
     Text {
-        /// 0 emergency to 7 debug.
+        /// The severity, from 0 (emergency) to 7 (debug).
         severity: u8,
-        /// Its words.
+        /// The text.
         text: String<50>,
     },
     /// The mode changed.
     Mode {
-        /// Whose modes.
+        /// The software that defines the mode.
         firmware: Firmware,
-        /// The new one.
+        /// The new mode.
         mode: Mode,
     },
-    /// Motors on or off.
+    /// The motors were armed or disarmed.
     Armed(bool),
-    /// A command is sent once more.
+    /// A command is repeated.
     Repeated {
-        /// Which.
+        /// The command.
         request: Request,
-        /// How often it was sent before.
+        /// The number of times that it was sent before.
         attempts: u8,
         /// The last answer, if there was one.
         answer: Option<MavResult>,
     },
-    /// A command is over and was not accepted.
+    /// A command was completed and not accepted.
     Failed {
-        /// Which.
+        /// The command.
         request: Request,
-        /// How it ended.
-        outcome: Outcome,
+        /// Its outcome.
+        outcome: CommandOutcome,
     },
-    /// A slot ended without a position sample taken after its end; the latest one counts.
+    /// A slot ended without a position sample taken after its end; the latest sample is used.
     SampleLate,
-    /// Something went wrong, and this is done about it.
+    /// A failure was detected.
     Failsafe {
-        /// What.
+        /// The failure.
         cause: Cause,
-        /// What is done.
+        /// The reaction to it.
         reaction: Reaction,
     },
 }
@@ -115,7 +115,7 @@ impl fmt::Display for Event {
                 write!(f, "{request}: {why}, attempt {}", attempts + 1)
             }
             Self::Failed { request, outcome } => match outcome {
-                Outcome::Refused(result) => {
+                CommandOutcome::Refused(result) => {
                     write!(f, "{request} refused: {}", result_name(*result))
                 }
                 _ => write!(f, "{request}: no answer, given up"),
@@ -126,10 +126,10 @@ impl fmt::Display for Event {
     }
 }
 
-/// Room for events that were not taken yet.
+/// The capacity of the queue.
 const CAPACITY: usize = 24;
 
-/// The queue.
+/// A bounded queue of events.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Events {
     queue: Deque<Event, CAPACITY>,

@@ -1,9 +1,9 @@
-//! What can go wrong in flight, after how long it counts, and what is done about it.
+//! Failures in flight, how they are detected, and the reactions to them.
 //!
-//! One table, [`TABLE`]; `docs/failsafes.md` prints it, and a test keeps the two equal.
-//! Three rules stand above it: after the pilot (or the autopilot itself) took over, nothing is
-//! sent any more that could move the vehicle; after a failsafe the vehicle is never armed
-//! again; while we cannot know where the vehicle is, no setpoint is sent.
+//! The single table [`TABLE`] defines them; `docs/failsafes.md` prints it, and a test keeps the two
+//! equal. Three rules always apply: after the pilot (or the autopilot itself) took over, nothing is
+//! sent any more that could move the vehicle; after a failsafe the vehicle is never armed again;
+//! while the vehicle's position is unknown, no setpoint is sent.
 
 use core::fmt;
 
@@ -11,34 +11,34 @@ use super::profile::Mode;
 use crate::scalar::Scalar;
 use crate::time::Duration;
 
-/// What went wrong.
+/// A failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// No heartbeat of the autopilot.
+    /// No heartbeat of the autopilot was received.
     HeartbeatLost,
-    /// Still no heartbeat, long after it was lost.
+    /// No heartbeat was received for long after it was lost.
     LinkDead,
-    /// No position sample.
+    /// No position sample was received.
     PositionLost,
-    /// The position changed faster than anything flies.
+    /// The position changed faster than an aircraft can fly.
     PositionJumped,
-    /// Leg after leg the vehicle did not move where it was sent.
+    /// In several legs in a row the vehicle did not move where it was sent.
     SetpointsIgnored,
-    /// The mode is no longer the one we set: the pilot, or a failsafe of the autopilot.
+    /// The mode is no longer the one we set: the pilot, or a failsafe of the autopilot, changed it.
     ControlTaken(Mode),
     /// The motors stopped in flight.
     Disarmed,
-    /// Too little left in the battery.
+    /// The charge of the battery is too low.
     BatteryLow,
     /// The vehicle is outside the geofence.
     FenceBreached,
-    /// The ground has not been heard.
+    /// The ground was not heard.
     GroundSilent,
-    /// The next leg did not come.
+    /// The next leg was not commanded in time.
     SlotOverrun,
-    /// A person asked us to stop (ctrl-C).
+    /// A person asked to stop (ctrl-C).
     StopAsked,
-    /// A command that the flight cannot do without was refused or never answered.
+    /// A command that is necessary for the flight was refused or never answered.
     CommandFailed,
     /// A stage of the start took too long.
     StageTimedOut,
@@ -46,31 +46,31 @@ pub enum Cause {
     TooSlow,
 }
 
-/// What is sent when it happens in flight.
+/// The reaction to a failure in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reaction {
-    /// Nothing that moves the vehicle, ever again; our heartbeat goes on.
+    /// Send nothing that moves the vehicle, ever again; our heartbeat continues.
     Release,
-    /// Nothing at all, the heartbeat included, until the autopilot is heard again; then land.
+    /// Send nothing at all, not even the heartbeat, until the autopilot is heard again; then land.
     Silence,
-    /// NAV_LAND where it is.
+    /// Send NAV_LAND at the present position.
     Land,
 }
 
 /// A row of the table.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
-    /// What went wrong, for the sake of matching; fields are placeholders.
+    /// The failure; the fields of its variant are placeholders.
     pub cause: Cause,
-    /// What is looked at, and for how long.
+    /// The condition that is checked, and for how long.
     pub detected: &'static str,
-    /// What is done in flight.
+    /// The reaction in flight.
     pub reaction: Reaction,
-    /// How it ends.
+    /// How the flight ends.
     pub ends: &'static str,
 }
 
-/// The whole of it.
+/// The failsafe table.
 pub static TABLE: [Row; 15] = [
     Row {
         cause: Cause::HeartbeatLost,
@@ -165,11 +165,11 @@ pub static TABLE: [Row; 15] = [
 ];
 
 impl Cause {
-    /// The row of the table.
+    /// Returns the row of the table for this cause.
     pub fn row(&self) -> &'static Row {
         let same =
             |row: &&Row| core::mem::discriminant(&row.cause) == core::mem::discriminant(self);
-        // Every cause has its row (tested); the last stands for one that was forgotten.
+        // Every cause has its row (verified by a test); the last one is the fallback.
         TABLE.iter().find(same).unwrap_or(&TABLE[TABLE.len() - 1])
     }
 }
@@ -206,30 +206,30 @@ impl fmt::Display for Reaction {
     }
 }
 
-/// How long each thing may last.
+/// The thresholds and time-outs of the failsafe table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Watch<T> {
-    /// Without a heartbeat.
+    /// The longest time without a heartbeat.
     pub heartbeat: Duration,
-    /// Silence after [`Watch::heartbeat`] has passed until the flight is given up.
+    /// The silence after [`Watch::heartbeat`] has passed until the flight is given up.
     pub link_dead: Duration,
-    /// Without a position sample.
+    /// The longest time without a position sample.
     pub position: Duration,
-    /// Least jump that counts as one, m.
+    /// The smallest change of position that counts as a jump, m.
     pub jump_m: T,
-    /// Legs in a row that were not flown.
+    /// The number of legs in a row that were not flown.
     pub ignored_legs: u8,
-    /// Battery that is too low, percent.
+    /// The charge below which the battery is too low, percent.
     pub battery_percent: i8,
-    /// Below that for this long.
+    /// The time for which the charge must be below that.
     pub battery: Duration,
-    /// How far outside the geofence counts, m.
+    /// The distance outside the geofence that counts as a breach, m.
     pub fence_margin_m: T,
-    /// Without the ground, from the first leg on; `None` if nobody listens for it.
+    /// The longest time without the ground, from the first leg on; `None` if it is not supervised.
     pub ground: Option<Duration>,
-    /// Without a new leg.
+    /// The longest time without a new leg.
     pub overrun: Duration,
-    /// Longest stage of the start (checks, arming, climb, flight to the start).
+    /// The longest stage of the start (checks, arming, climb, flight to the start).
     pub stage: Duration,
 }
 

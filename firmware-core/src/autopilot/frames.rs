@@ -1,18 +1,19 @@
-//! The map and MAVLink's frames: the only place where north, east and down appear.
+//! Conversions between the map and MAVLink's frames: the only module in which north, east and down
+//! appear.
 //!
-//! The map has x east and y north, metres, its origin at the scenario's latitude and
-//! longitude. MAVLink's local frame has x north, y east, z down, its origin where the
-//! autopilot's estimator started, which need not be the map's: [`MapFrame`] holds the
-//! difference. Geodetic coordinates are turned into metres as the autopilot itself does it
-//! (a sphere of [`EARTH_RADIUS_M`], the longitude scaled by the cosine of the latitude), so
-//! that a way-point means the same place in both kinds of coordinates.
+//! The map has x east and y north, in metres, with its origin at the scenario's latitude and
+//! longitude. MAVLink's local frame has x north, y east, z down, with its origin where the
+//! autopilot's estimator started, which need not be the map's: [`MapFrame`] holds the difference.
+//! Geodetic coordinates are converted to metres as the autopilot itself does it (a sphere of
+//! [`EARTH_RADIUS_M`], the longitude scaled by the cosine of the latitude), so that a waypoint is
+//! the same place in both kinds of coordinates.
 
 use nalgebra::Vector2;
 
 use crate::scalar::{Displacement, Position, Scalar};
 
-/// The sphere of ArduPilot's flat-earth formulas, metres. PX4's is 0.1 % smaller: a way-point
-/// 1 km from the origin differs by 1.1 m between the two.
+/// The radius of the sphere in ArduPilot's flat-earth formulas, metres. PX4's is 0.1 % smaller: a
+/// waypoint 1 km from the origin differs by 1.1 m between the two.
 pub const EARTH_RADIUS_M: f64 = 6_378_100.0;
 
 /// Latitude and longitude in MAVLink's unit, 1e-7 degrees.
@@ -27,7 +28,7 @@ pub struct Geodetic {
 const METRES_PER_E7: f64 = EARTH_RADIUS_M * core::f64::consts::PI / 180.0 * 1e-7;
 
 impl Geodetic {
-    /// From degrees; `None` outside -90..90 and -180..180, or not a number.
+    /// Converts from degrees. Returns `None` outside -90..90 and -180..180, or for NaN.
     pub fn from_degrees(latitude_deg: f64, longitude_deg: f64) -> Option<Self> {
         let inside = libm::fabs(latitude_deg) <= 90.0 && libm::fabs(longitude_deg) <= 180.0;
         inside.then(|| Self {
@@ -41,7 +42,7 @@ impl Geodetic {
         METRES_PER_E7 * libm::cos(latitude.to_radians()).max(1e-6)
     }
 
-    /// Metres east and north from here to `other`.
+    /// Returns the displacement from here to `other`, metres east and north.
     pub fn displacement_to<T: Scalar>(self, other: Self) -> Displacement<T> {
         let north = i64::from(other.latitude_e7) - i64::from(self.latitude_e7);
         let east = i64::from(other.longitude_e7) - i64::from(self.longitude_e7);
@@ -51,7 +52,7 @@ impl Geodetic {
         )
     }
 
-    /// The place that many metres east and north of here.
+    /// Returns the place that is displaced by that many metres east and north.
     pub fn offset<T: Scalar>(self, by: Displacement<T>) -> Self {
         let east = libm::round(by.x.to_f64() / self.metres_per_e7_east());
         let north = libm::round(by.y.to_f64() / METRES_PER_E7);
@@ -62,7 +63,7 @@ impl Geodetic {
     }
 }
 
-/// Where the map lies, and where the autopilot's local frame lies on the map.
+/// The position of the map on Earth, and of the autopilot's local frame on the map.
 #[derive(Clone, Copy, Debug)]
 pub struct MapFrame<T: Scalar> {
     origin: Geodetic,
@@ -71,8 +72,8 @@ pub struct MapFrame<T: Scalar> {
 }
 
 impl<T: Scalar> MapFrame<T> {
-    /// A map with its origin there; the local frame is taken to have the same origin until
-    /// [`MapFrame::set_local_origin`].
+    /// Creates a map with this origin. The local frame has the same origin until
+    /// [`MapFrame::set_local_origin`] is called.
     pub fn new(origin: Geodetic) -> Self {
         Self {
             origin,
@@ -80,46 +81,46 @@ impl<T: Scalar> MapFrame<T> {
         }
     }
 
-    /// The map's origin.
+    /// Returns the map's origin.
     pub fn origin(&self) -> Geodetic {
         self.origin
     }
 
-    /// The autopilot said where its local frame begins. Returns by how much what was placed on
-    /// the map before has to move.
+    /// Sets the origin of the autopilot's local frame. Returns the displacement of everything that
+    /// was placed on the map before.
     pub fn set_local_origin(&mut self, origin: Geodetic) -> Displacement<T> {
         let before = self.local_origin;
         self.local_origin = self.origin.displacement_to(origin);
         self.local_origin - before
     }
 
-    /// Map position of a local north, east.
+    /// Returns the map position of a local north, east.
     pub fn from_local(&self, north: f32, east: f32) -> Position<T> {
         Position::from(vector_from_ned(north, east) + self.local_origin)
     }
 
-    /// Local north, east of a map position.
+    /// Returns the local north, east of a map position.
     pub fn to_local(&self, position: Position<T>) -> (f32, f32) {
         vector_to_ned(position.coords - self.local_origin)
     }
 
-    /// Map position of a place on Earth.
+    /// Returns the map position of a place on Earth.
     pub fn from_geodetic(&self, place: Geodetic) -> Position<T> {
         Position::from(self.origin.displacement_to(place))
     }
 
-    /// The place on Earth of a map position.
+    /// Returns the place on Earth of a map position.
     pub fn to_geodetic(&self, position: Position<T>) -> Geodetic {
         self.origin.offset(position.coords)
     }
 }
 
-/// A map vector from north and east components.
+/// Converts north and east components to a map vector.
 pub fn vector_from_ned<T: Scalar>(north: f32, east: f32) -> Displacement<T> {
     Vector2::new(T::of(f64::from(east)), T::of(f64::from(north)))
 }
 
-/// North and east components of a map vector.
+/// Converts a map vector to north and east components.
 pub fn vector_to_ned<T: Scalar>(vector: Displacement<T>) -> (f32, f32) {
     (vector.y.to_f64() as f32, vector.x.to_f64() as f32)
 }

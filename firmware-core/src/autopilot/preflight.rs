@@ -1,31 +1,27 @@
-//! What is compared with the mission before take-off and cannot be cured by waiting.
+//! Comparisons with the mission before take-off whose failure does not go away by waiting.
 //!
 //! An [`Obstacle`](super::Obstacle) is waited for; a [`PreflightRefusal`] ends the start at once,
-//! before the motors turn, with the two numbers that do not fit. A client that was not told to
-//! launch lists them ([`Autopilot::refusals`]).
+//! before the motors turn, with the two numbers that do not match. A client that was not told to
+//! launch lists them ([`Autopilot::refusals`](super::Autopilot::refusals)).
 
 use core::fmt;
 
-use heapless::Vec;
-
 use super::profile::Firmware;
-use super::{Autopilot, Obstacle, Phase};
 use crate::mission::MissionParameters;
 use crate::scalar::{Position, Scalar};
-use crate::time::Instant;
 
-/// What the mission asks for, as far as it is compared before take-off.
+/// The requirements of a mission that are compared before take-off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Preflight<T: Scalar> {
     /// South-west and north-east corner of the mission's area, m; `None` where the mission has no
-    /// area: then the distance to the start counts, and the autopilot's geofence is not compared.
+    /// area: then the distance to the start is used, and the autopilot's geofence is not compared.
     pub area: Option<(Position<T>, Position<T>)>,
-    /// How far outside the area the vehicle may stand, m.
+    /// The largest distance from the area at which the vehicle may stand, m.
     pub distance_m: T,
-    /// The speed of a straight flight from the start to the destination that takes all slots,
-    /// m/s; `None` where the destination is not known.
+    /// The speed of a straight flight from the start to the destination that takes all slots, m/s;
+    /// `None` where the destination is not known.
     pub needed_speed_mps: Option<T>,
-    /// Where the mission ends; `None` where that is not known, and no trial leg is flown then.
+    /// The destination; `None` where it is not known, and no trial leg is flown then.
     pub destination: Option<Position<T>>,
 }
 
@@ -41,7 +37,7 @@ impl<T: Scalar> Default for Preflight<T> {
 }
 
 impl<T: Scalar> Preflight<T> {
-    /// What a mission asks for. It arrives within `(N + 1) V delta` of its start.
+    /// Returns the requirements of a mission. It arrives within `(N + 1) V delta` of its start.
     pub fn of<const M: usize, const J: usize>(mission: &MissionParameters<T, M, J>) -> Self {
         let distance_m = (mission.destination - mission.start).norm();
         let time_s = T::count(mission.slots as usize + 1) * mission.slot_duration_s;
@@ -56,8 +52,8 @@ impl<T: Scalar> Preflight<T> {
         }
     }
 
-    /// How far outside the area a place is, m; without an area its distance from `start`.
-    fn outside_m(&self, place: &Position<T>, start: &Position<T>) -> T {
+    /// Returns how far outside the area a place is, m; without an area its distance from `start`.
+    pub(super) fn outside_m(&self, place: &Position<T>, start: &Position<T>) -> T {
         let nearest = match &self.area {
             Some((low, high)) => Position::new(
                 place.x.max(low.x).min(high.x),
@@ -68,8 +64,8 @@ impl<T: Scalar> Preflight<T> {
         (place - nearest).norm()
     }
 
-    /// The distance from a place to the farthest corner of the area, m.
-    fn farthest_m(&self, place: &Position<T>) -> Option<T> {
+    /// Returns the distance from a place to the farthest corner of the area, m.
+    pub(super) fn farthest_m(&self, place: &Position<T>) -> Option<T> {
         let (low, high) = self.area?;
         let corners = [
             low,
@@ -83,19 +79,19 @@ impl<T: Scalar> Preflight<T> {
     }
 }
 
-/// Why a mission is not started. Waiting does not help.
+/// The reason why a mission is not started. It does not go away by waiting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PreflightRefusal {
     /// The vehicle stands too far away.
     TooFar {
-        /// From the vehicle to the mission's area (or start), m.
+        /// The distance from the vehicle to the mission's area (or start), m.
         distance_m: f32,
         /// The longest distance that is flown to it, m.
         limit_m: f32,
     },
     /// The battery is at or below the threshold of the battery failsafe.
     BatteryLow {
-        /// What it shows, percent.
+        /// The charge of the battery, percent.
         percent: i8,
         /// The threshold, percent.
         threshold: i8,
@@ -106,7 +102,7 @@ pub enum PreflightRefusal {
         parameter: &'static str,
         /// The radius, m.
         limit_m: f32,
-        /// From the vehicle to the farthest corner of the area, m.
+        /// The distance from the vehicle to the farthest corner of the area, m.
         needed_m: f32,
     },
     /// The mission's altitude reaches the ceiling of the autopilot's own geofence.
@@ -120,16 +116,16 @@ pub enum PreflightRefusal {
     },
     /// The destination cannot be reached in the mission's slots.
     TooSlow {
-        /// The speed that the straight way asks for, m/s.
+        /// The speed that the straight path requires, m/s.
         needed_mps: f32,
-        /// The speed that the vehicle's limits leave, m/s.
+        /// The speed that the vehicle's limits allow, m/s.
         possible_mps: f32,
-        /// The parameter that leaves no more, and the value to set it to.
+        /// The parameter that limits the speed, and the value to set it to.
         parameter: Option<(&'static str, f32)>,
     },
-    /// The same, as the trial leg has shown.
+    /// The destination cannot be reached in the mission's slots, as the trial leg has shown.
     SlowAirframe {
-        /// The speed that the straight way asks for, m/s.
+        /// The speed that the straight path requires, m/s.
         needed_mps: f32,
         /// The largest speed of the trial leg, m/s.
         reached_mps: f32,
@@ -197,16 +193,16 @@ impl fmt::Display for PreflightRefusal {
     }
 }
 
-/// The most refusals that can hold at once.
+/// The largest number of refusals at once.
 pub const REFUSALS: usize = 5;
 
-/// The circle and the ceiling of the autopilot's own geofence about its home, as its parameters
-/// have them: name and metres.
-type OwnFence = [Option<(&'static str, f32)>; 2];
+/// The radius and the ceiling of the autopilot's own geofence about its home: the name of the
+/// parameter and metres.
+pub(super) type OwnFence = [Option<(&'static str, f32)>; 2];
 
-fn own_fence(firmware: Firmware, parameter: impl Fn(&str) -> Option<f32>) -> OwnFence {
+pub(super) fn own_fence(firmware: Firmware, parameter: impl Fn(&str) -> Option<f32>) -> OwnFence {
     let number = |name: &'static str| Some((name, parameter(name)?));
-    // Zero switches a distance of PX4 off.
+    // Zero disables a distance of PX4's fence.
     let above_zero = |name| number(name).filter(|&(_, limit_m)| limit_m > 0.0);
     match firmware {
         Firmware::Generic => [None, None],
@@ -226,112 +222,6 @@ fn own_fence(firmware: Firmware, parameter: impl Fn(&str) -> Option<f32>) -> Own
                 above_zero("GF_MAX_HOR_DIST").filter(|_| acts),
                 above_zero("GF_MAX_VER_DIST").filter(|_| acts),
             ]
-        }
-    }
-}
-
-impl<T: Scalar> Autopilot<T> {
-    /// What stands against a start and cannot be cured by waiting, as far as it is known by now.
-    /// Empty once the flight has begun.
-    pub fn refusals(&self, now: Instant) -> Vec<PreflightRefusal, REFUSALS> {
-        let mut refusals = Vec::new();
-        if matches!(self.phase, Phase::Checking | Phase::Standby) {
-            let obstacle = self.look_for_obstacle(now);
-            let all = [
-                self.refuse_distance(obstacle),
-                self.refuse_speed(),
-                self.refuse_battery(obstacle),
-            ];
-            let fence = self.refuse_own_fence(obstacle);
-            // The capacity is the number of refusals.
-            refusals.extend(all.into_iter().chain(fence).flatten());
-        }
-        refusals
-    }
-
-    /// The vehicle says where on Earth it stands.
-    fn is_placed(obstacle: Option<Obstacle>) -> bool {
-        matches!(obstacle, None | Some(Obstacle::PreArm))
-    }
-
-    fn refuse_distance(&self, obstacle: Option<Obstacle>) -> Option<PreflightRefusal> {
-        let sample = self
-            .telemetry
-            .sample
-            .filter(|_| Self::is_placed(obstacle))?;
-        let preflight = &self.settings.preflight;
-        let distance_m = preflight.outside_m(&sample.position, &self.settings.start);
-        (distance_m > preflight.distance_m).then(|| PreflightRefusal::TooFar {
-            distance_m: distance_m.to_f64() as f32,
-            limit_m: preflight.distance_m.to_f64() as f32,
-        })
-    }
-
-    fn refuse_speed(&self) -> Option<PreflightRefusal> {
-        let needed_mps = self.settings.preflight.needed_speed_mps?;
-        let slow = self.parameters_are_read() && self.limits.speed_mps < needed_mps;
-        slow.then(|| PreflightRefusal::TooSlow {
-            needed_mps: needed_mps.to_f64() as f32,
-            possible_mps: self.limits.speed_mps.to_f64() as f32,
-            parameter: self
-                .reader
-                .slowest()
-                .filter(|_| self.parameter_limits.speed_mps < needed_mps),
-        })
-    }
-
-    /// Only where nothing else is waited for: an autopilot that starts up may show an empty
-    /// battery.
-    fn refuse_battery(&self, obstacle: Option<Obstacle>) -> Option<PreflightRefusal> {
-        let threshold = self.settings.watch.battery_percent;
-        let percent = self.telemetry.battery_percent?;
-        let low = percent <= threshold && obstacle.is_none() && self.parameters_are_read();
-        low.then_some(PreflightRefusal::BatteryLow { percent, threshold })
-    }
-
-    fn refuse_own_fence(&self, obstacle: Option<Obstacle>) -> [Option<PreflightRefusal>; 2] {
-        let (Some((_, firmware)), Some(sample)) = (self.vehicle, self.telemetry.sample) else {
-            return [None, None];
-        };
-        let preflight = &self.settings.preflight;
-        let Some(farthest_m) = preflight.farthest_m(&sample.position) else {
-            return [None, None];
-        };
-        if !(self.parameters_are_read() && Self::is_placed(obstacle)) {
-            return [None, None];
-        }
-        let (farthest_m, altitude_m) = (
-            farthest_m.to_f64() as f32,
-            self.settings.altitude_m.to_f64() as f32,
-        );
-        let [radius, ceiling] = own_fence(firmware, |name| self.parameter(name));
-        [
-            radius
-                .filter(|&(_, limit_m)| farthest_m >= limit_m)
-                .map(
-                    |(parameter, limit_m)| PreflightRefusal::OutsideAutopilotFence {
-                        parameter,
-                        limit_m,
-                        needed_m: farthest_m,
-                    },
-                ),
-            ceiling
-                .filter(|&(_, limit_m)| altitude_m >= limit_m)
-                .map(
-                    |(parameter, limit_m)| PreflightRefusal::AboveAutopilotFence {
-                        parameter,
-                        limit_m,
-                        needed_m: altitude_m,
-                    },
-                ),
-        ]
-    }
-
-    /// How far outside the geofence the vehicle stands, m.
-    pub(super) fn outside_fence_m(&self) -> T {
-        match (&self.settings.geofence, &self.telemetry.sample) {
-            (Some(fence), Some(sample)) => (fence.clamp(sample.position) - sample.position).norm(),
-            _ => T::zero(),
         }
     }
 }

@@ -1,6 +1,6 @@
-//! What differs between autopilots: modes, take-off, what confirms a setpoint.
+//! Differences between autopilots: modes, take-off, confirmation of setpoints.
 //!
-//! The firmware is learned from the autopilot's own heartbeat, never configured.
+//! The firmware is determined from the autopilot's own heartbeat; it is never configured.
 
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType};
 
@@ -9,7 +9,7 @@ use crate::time::Duration;
 /// The autopilot's software.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Firmware {
-    /// The built-in vehicle: takes ArduCopter's mode numbers and confirms each setpoint.
+    /// The built-in vehicle: it uses ArduCopter's mode numbers and confirms each setpoint.
     Generic,
     /// ArduPilot, flying a multirotor.
     ArduCopter,
@@ -26,7 +26,8 @@ const fn px4_mode(main: u32, sub: u32) -> Mode {
 }
 
 impl Firmware {
-    /// Which one sent this heartbeat; `None` if it is no autopilot of a vehicle that hovers.
+    /// Returns the firmware that sent this heartbeat, or `None` if it is not the autopilot of a
+    /// vehicle that hovers.
     pub fn of(heartbeat: &HEARTBEAT_DATA) -> Option<Self> {
         let hovers = matches!(
             heartbeat.mavtype,
@@ -50,7 +51,7 @@ impl Firmware {
         }
     }
 
-    /// The mode in which it follows our setpoints: GUIDED or OFFBOARD.
+    /// Returns the mode in which the autopilot follows our setpoints: GUIDED or OFFBOARD.
     pub const fn control_mode(self) -> Mode {
         match self {
             Self::Generic | Self::ArduCopter => Mode(4),
@@ -58,7 +59,7 @@ impl Firmware {
         }
     }
 
-    /// The mode that NAV_LAND leads to.
+    /// Returns the mode that NAV_LAND leads to.
     pub const fn land_mode(self) -> Mode {
         match self {
             Self::Generic | Self::ArduCopter => Mode(9),
@@ -66,7 +67,7 @@ impl Firmware {
         }
     }
 
-    /// The mode that NAV_RETURN_TO_LAUNCH leads to.
+    /// Returns the mode that NAV_RETURN_TO_LAUNCH leads to.
     pub const fn return_mode(self) -> Mode {
         match self {
             Self::Generic | Self::ArduCopter => Mode(6),
@@ -74,7 +75,7 @@ impl Firmware {
         }
     }
 
-    /// The mode that flies an uploaded mission.
+    /// Returns the mode that flies an uploaded mission.
     pub const fn mission_mode(self) -> Mode {
         match self {
             Self::Generic | Self::ArduCopter => Mode(3),
@@ -82,7 +83,7 @@ impl Firmware {
         }
     }
 
-    /// Parameters 2 and 3 of DO_SET_MODE.
+    /// Returns parameters 2 and 3 of DO_SET_MODE.
     pub const fn mode_parameters(self, mode: Mode) -> (f32, f32) {
         match self {
             Self::Generic | Self::ArduCopter => (mode.0 as f32, 0.0),
@@ -90,7 +91,7 @@ impl Firmware {
         }
     }
 
-    /// A mode's name, for people.
+    /// Returns a mode's name for messages.
     pub const fn mode_name(self, mode: Mode) -> &'static str {
         match self {
             Self::Generic | Self::ArduCopter => match mode.0 {
@@ -128,35 +129,36 @@ impl Firmware {
         }
     }
 
-    /// How long a setpoint stream must flow before the control mode is asked for. Where it is
-    /// not zero, take-off too is flown with setpoints.
+    /// Returns how long setpoints must be streamed before the control mode is requested. Where it
+    /// is not zero, take-off too is flown with setpoints.
     pub const fn stream_before_control(self) -> Duration {
         match self {
             Self::Generic | Self::ArduCopter => Duration::ZERO,
-            // Above 2 Hz for a moment; one second is what its examples use.
+            // PX4 needs more than 2 Hz for a moment; its examples use one second.
             Self::Px4 => Duration::from_secs(1),
         }
     }
 
-    /// Whether it takes a SET_MESSAGE_INTERVAL for its heartbeat. PX4 refuses it and sends one a
-    /// second; its CURRENT_MODE tells who has control sooner.
+    /// Returns whether the autopilot accepts a SET_MESSAGE_INTERVAL for its heartbeat. PX4 refuses
+    /// it and sends one a second; its CURRENT_MODE shows earlier who has control.
     pub const fn sends_heartbeats_on_request(self) -> bool {
         !matches!(self, Self::Px4)
     }
 
-    /// Take-off by NAV_TAKEOFF; otherwise by setpoints that rise.
+    /// Returns whether take-off is commanded by NAV_TAKEOFF; otherwise it is flown with rising
+    /// setpoints.
     pub const fn takes_off_by_command(self) -> bool {
         !matches!(self, Self::Px4)
     }
 
-    /// Whether each setpoint is echoed at once, so that a position sample after the echo was
-    /// taken after the setpoint. (ArduCopter echoes at its telemetry rate; PX4 echoes the
+    /// Returns whether each setpoint is echoed at once, so that a position sample after the echo
+    /// was taken after the setpoint. (ArduCopter echoes at its telemetry rate; PX4 echoes the
     /// output of its own smoothing.)
     pub const fn confirms_setpoints(self) -> bool {
         matches!(self, Self::Generic)
     }
 
-    /// What people call it.
+    /// Returns the name of the firmware for messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Generic => "the built-in vehicle",
@@ -166,12 +168,12 @@ impl Firmware {
     }
 }
 
-/// The mode of a heartbeat.
+/// Returns the mode of a heartbeat.
 pub fn mode_of(heartbeat: &HEARTBEAT_DATA) -> Mode {
     Mode(heartbeat.custom_mode)
 }
 
-/// Whether the heartbeat says that motors may turn.
+/// Returns whether the heartbeat reports that motors may turn.
 pub fn is_armed(heartbeat: &HEARTBEAT_DATA) -> bool {
     heartbeat
         .base_mode

@@ -1,4 +1,4 @@
-//! What the client is told before it starts. A client that exists has valid settings.
+//! The settings of the client. A client that exists has valid settings.
 
 use nalgebra::Vector2;
 use thiserror::Error;
@@ -23,7 +23,7 @@ pub enum Coordinates {
     Global,
 }
 
-/// Where the vehicle may be sent: a rectangle on the map and a ceiling.
+/// The region that the vehicle may be sent to: a rectangle on the map and a ceiling.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct Geofence<T: Scalar> {
@@ -36,8 +36,8 @@ pub struct Geofence<T: Scalar> {
 }
 
 impl<T: Scalar> Geofence<T> {
-    /// Whether a place lies inside, with `margin_m` to spare (outside by less than that if
-    /// negative).
+    /// Returns whether a place is inside by at least `margin_m` (if negative: outside by less than
+    /// that).
     pub fn contains(&self, place: &Position<T>, margin_m: T) -> bool {
         place.x >= self.low.x + margin_m
             && place.y >= self.low.y + margin_m
@@ -45,7 +45,7 @@ impl<T: Scalar> Geofence<T> {
             && place.y <= self.high.y - margin_m
     }
 
-    /// The nearest place inside.
+    /// Returns the nearest place inside.
     pub fn clamp(&self, place: Position<T>) -> Position<T> {
         Position::new(
             place.x.max(self.low.x).min(self.high.x),
@@ -57,22 +57,22 @@ impl<T: Scalar> Geofence<T> {
 /// The address that the client's own frames carry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OwnAddress {
-    /// System id, 1 to 255; `None` for that of the vehicle, as MAVLink has it for a computer on
-    /// board.
+    /// System id, 1 to 255; `None` for that of the vehicle, as MAVLink specifies for an onboard
+    /// computer.
     pub system: Option<u8>,
     /// Component id, 2 to 255: 0 means every component, and 1 is the autopilot.
     pub component: u8,
 }
 
 impl OwnAddress {
-    /// An onboard computer of the vehicle (MAV_COMP_ID_ONBOARD_COMPUTER).
+    /// The address of an onboard computer of the vehicle (MAV_COMP_ID_ONBOARD_COMPUTER).
     pub const ONBOARD_COMPUTER: Self = Self {
         system: None,
         component: 191,
     };
 
-    /// The address itself, with the system id of the vehicle where it is known. Until it is,
-    /// system 1 stands for it.
+    /// Returns the address, with the system id of the vehicle where it is known. Until then, system
+    /// 1 is used.
     pub fn resolve(self, vehicle: Option<u8>) -> Address {
         Address {
             system: self.system.or(vehicle).unwrap_or(1),
@@ -81,71 +81,71 @@ impl OwnAddress {
     }
 }
 
-/// All that is settled before a flight. [`Settings::new`] has the defaults.
+/// The settings of the client. [`AutopilotSettings::new`] returns the defaults.
 #[derive(Clone, Copy, Debug)]
-pub struct Settings<T: Scalar> {
+pub struct AutopilotSettings<T: Scalar> {
     /// The address that our frames carry. By default the vehicle's onboard computer.
     pub own: OwnAddress,
-    /// The vehicle's system id; `None` takes the first autopilot that is heard.
+    /// The vehicle's system id; `None` selects the first autopilot that is heard.
     pub vehicle: Option<u8>,
-    /// Where the map's origin lies on Earth.
+    /// The position of the map's origin on Earth.
     pub map_origin: Geodetic,
-    /// Where the mission starts, m.
+    /// The start of the mission, m.
     pub start: Position<T>,
     /// Flight altitude above the place of take-off (the paper's H), m.
     pub altitude_m: T,
-    /// What the vehicle can do; infinite for the paper's kinematics.
+    /// The limits of the vehicle; infinite for the paper's kinematics.
     pub limits: Limits<T>,
-    /// The speed that the airframe is known to reach, m/s; `None` where it is not known, and where
-    /// parameters had to be set a trial leg before the first slot shows it.
+    /// The speed that the airframe is known to reach, m/s. Where it is `None` and parameters had to
+    /// be set, a trial leg before the first slot measures it.
     pub airframe_speed_mps: Option<T>,
     /// Speed of the flight to the start, m/s.
     pub transit_speed_mps: T,
     /// Rate of climb where take-off is flown with setpoints, m/s.
     pub climb_speed_mps: T,
-    /// Where the vehicle may be sent; `None` for anywhere.
+    /// The geofence; `None` for no limit.
     pub geofence: Option<Geofence<T>>,
     /// Time between setpoints: 50 to 200 ms.
     pub setpoint_interval: Duration,
-    /// Time between position samples that is asked for.
+    /// The requested time between position samples.
     pub telemetry_interval: Duration,
     /// The kind of coordinates of setpoints.
     pub coordinates: Coordinates,
-    /// How near the start and the altitude count as reached, m.
+    /// The distance at which the start and the altitude count as reached, m.
     pub arrival_radius_m: T,
-    /// A leg starts from the reference while the vehicle is this near to it, m.
+    /// The distance up to which a leg starts from the reference and not from the vehicle, m.
     pub lag_tolerance_m: T,
     /// How long after a slot's end a position sample is waited for, in vehicle time.
     pub sample_patience: Duration,
-    /// How long after a leg's end the vehicle flies on as it does until the next leg is known;
+    /// How long after a leg's end the vehicle continues its motion until the next leg is known;
     /// then it stops. In vehicle time.
     pub coast: Duration,
-    /// Answers to commands.
+    /// Time-outs and attempts of commands.
     pub patience: Patience,
-    /// What is compared with the vehicle before take-off.
+    /// The comparisons with the vehicle before take-off.
     pub preflight: Preflight<T>,
-    /// Set parameters that clip the mission, and put them back after it. Off by default: what
-    /// clips is said and obeyed.
+    /// Whether parameters that limit the mission are set, and restored after it. Off by default:
+    /// then their limits are reported and obeyed.
     pub set_parameters: bool,
-    /// What is watched in flight, and how long each thing may last.
+    /// The thresholds and time-outs of the failsafes.
     pub watch: Watch<T>,
 }
 
-/// A setting that cannot be.
+/// Error returned for an invalid setting.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum SettingsError {
-    /// Not finite, or not above zero.
+    /// A number is not finite, or not above zero.
     #[error("{name} is {value}; it must be a number above 0")]
     NotPositive {
-        /// Which setting.
+        /// The name of the setting.
         name: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: f64,
     },
-    /// Setpoints too fast or too slow for any autopilot.
+    /// The setpoint interval is too short or too long for any autopilot.
     #[error("setpoint_interval is {micros} us; it must be from 50 000 to 200 000 us (5 to 20 Hz)")]
     SetpointInterval {
-        /// Its value, us.
+        /// The invalid value, us.
         micros: u64,
     },
     /// The start is not inside the fence.
@@ -156,12 +156,12 @@ pub enum SettingsError {
         /// North, m.
         y: f64,
     },
-    /// A margin that is not finite, or below zero.
+    /// A margin is not finite, or below zero.
     #[error("{name} is {value}; it must be a number, 0 or above")]
     Negative {
-        /// Which setting.
+        /// The name of the setting.
         name: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: f64,
     },
     /// The flight altitude is above the fence's ceiling.
@@ -172,7 +172,7 @@ pub enum SettingsError {
         /// The ceiling, m.
         ceiling_m: f64,
     },
-    /// A system or component id that no client can have.
+    /// The system or component id is not valid for a client.
     #[error(
         "own address: system {system}, component {component}; ids of a client are 1 to 255, \
              and component 1 is the autopilot"
@@ -183,13 +183,13 @@ pub enum SettingsError {
         /// Component id.
         component: u8,
     },
-    /// A limit that is not above zero.
+    /// A limit is not above zero.
     #[error("limits must be above 0 (infinite is allowed)")]
     Limits,
 }
 
-impl<T: Scalar> Settings<T> {
-    /// The defaults for a mission that starts there, at that altitude and with that speed.
+impl<T: Scalar> AutopilotSettings<T> {
+    /// Returns the defaults for a mission with this start, altitude and speed.
     pub fn new(map_origin: Geodetic, start: Position<T>, altitude_m: T, speed_mps: T) -> Self {
         Self {
             own: OwnAddress::ONBOARD_COMPUTER,
@@ -217,7 +217,10 @@ impl<T: Scalar> Settings<T> {
         }
     }
 
-    /// Refuses what cannot be flown.
+    /// Checks all settings.
+    ///
+    /// # Errors
+    /// Returns the first invalid setting.
     pub(super) fn check(&self) -> Result<(), SettingsError> {
         let positive = [
             ("altitude_m", self.altitude_m),
@@ -248,7 +251,7 @@ impl<T: Scalar> Settings<T> {
                 value: margin_m.to_f64(),
             });
         }
-        let micros = self.setpoint_interval.micros();
+        let micros = self.setpoint_interval.as_micros();
         if !(50_000..=200_000).contains(&micros) {
             return Err(SettingsError::SetpointInterval { micros });
         }
@@ -263,7 +266,7 @@ impl<T: Scalar> Settings<T> {
         if !(finite && inside) {
             return Err(SettingsError::StartOutsideFence { x, y });
         }
-        // Asked this way round, a ceiling that is no number is refused: nothing is above it.
+        // In this form a ceiling that is NaN is refused, too.
         let reaches = |fence: &Geofence<T>| fence.ceiling_m >= self.altitude_m;
         if let Some(fence) = self.geofence.as_ref().filter(|fence| !reaches(fence)) {
             return Err(SettingsError::AboveCeiling {
@@ -279,19 +282,19 @@ impl<T: Scalar> Settings<T> {
 mod tests {
     use super::*;
 
-    fn settings() -> Settings<f64> {
+    fn settings() -> AutopilotSettings<f64> {
         let origin = Geodetic {
             latitude_e7: 0,
             longitude_e7: 0,
         };
         let corner = Position::new(100.0, 100.0);
-        Settings {
+        AutopilotSettings {
             geofence: Some(Geofence {
                 low: -corner,
                 high: corner,
                 ceiling_m: 110.0,
             }),
-            ..Settings::new(origin, Position::origin(), 100.0, 30.0)
+            ..AutopilotSettings::new(origin, Position::origin(), 100.0, 30.0)
         }
     }
 
@@ -299,7 +302,7 @@ mod tests {
     fn an_address_that_no_client_can_have_is_refused() {
         for (system, component) in [(Some(0), 191), (None, 0), (Some(7), 1)] {
             let own = OwnAddress { system, component };
-            let refused = Settings { own, ..settings() }.check();
+            let refused = AutopilotSettings { own, ..settings() }.check();
             let named = matches!(refused, Err(SettingsError::OwnAddress { .. }));
             assert!(named, "{own:?}: {refused:?}");
         }

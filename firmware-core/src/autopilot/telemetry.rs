@@ -1,4 +1,4 @@
-//! What the autopilot last said about the vehicle.
+//! The latest state that the autopilot reported about the vehicle.
 
 use heapless::Deque;
 use mavlink::dialects::common::{
@@ -23,12 +23,13 @@ pub struct Sample<T: Scalar> {
     pub velocity: Displacement<T>,
     /// Rate of climb, m/s.
     pub climb_mps: T,
-    /// When it was taken, on the vehicle's clock.
+    /// The time at which it was taken, on the vehicle's clock.
     pub time: Instant,
 }
 
 impl<T: Scalar> Sample<T> {
-    /// Where the vehicle is at `time`, before or after this sample, if it flies on as it does.
+    /// Returns the state of the vehicle at `time`, before or after this sample, if its velocity
+    /// stays the same.
     pub fn extrapolated(&self, time: Instant) -> Self {
         let seconds = T::of((time - self.time).as_secs_f64() - (self.time - time).as_secs_f64());
         Self {
@@ -39,8 +40,8 @@ impl<T: Scalar> Sample<T> {
         }
     }
 
-    /// Where the vehicle was at `time`, between this sample and a later one: the cubic through
-    /// both positions with both velocities (Hermite's), exact for a constant acceleration.
+    /// Returns the state of the vehicle at `time`, between this sample and a later one: the cubic
+    /// through both positions with both velocities (Hermite's), exact for a constant acceleration.
     fn interpolated(&self, later: &Self, time: Instant) -> Self {
         let span = (later.time - self.time).as_secs_f64();
         if span <= 0.0 {
@@ -66,7 +67,7 @@ impl<T: Scalar> Sample<T> {
     }
 }
 
-/// Where the vehicle was at a moment of its own time.
+/// The state of the vehicle at a moment of its own time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fix<T: Scalar> {
     pub(super) sample: Sample<T>,
@@ -74,23 +75,23 @@ pub(super) struct Fix<T: Scalar> {
     pub(super) extrapolated: bool,
 }
 
-/// How many samples are kept: 3 s at 20 Hz, 1.2 s at 50 Hz.
+/// The number of samples that are kept: 3 s at 20 Hz, 1.2 s at 50 Hz.
 const HISTORY: usize = 64;
 
-/// What a position message did to the picture.
+/// The effect of a position message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum News {
-    /// A new sample.
+    /// A first sample.
     Fresh,
-    /// Older than what is known (duplicated or reordered on the way): dropped.
+    /// Older than the latest sample (duplicated or reordered on the way): dropped.
     Stale,
     /// A number in it is not finite: dropped.
     Broken,
-    /// A new sample, far from the last one: so many metres apart after so long.
+    /// A new sample, with the distance in metres and the time since the last one.
     Jump(f64, Duration),
 }
 
-/// The latest of everything.
+/// The latest values of everything that is received.
 #[derive(Clone, Debug)]
 pub(super) struct Telemetry<T: Scalar> {
     pub(super) clock: VehicleClock,
@@ -101,27 +102,28 @@ pub(super) struct Telemetry<T: Scalar> {
     pub(super) boot_ms: u32,
     pub(super) sample_came: Instant,
     pub(super) heartbeat_came: Option<Instant>,
-    /// When the autopilot last sent anything that the client takes.
+    /// The time at which the autopilot last sent anything that the client takes.
     pub(super) heard: Instant,
     pub(super) mode: Option<Mode>,
     pub(super) armed: bool,
     pub(super) estimator: Option<EstimatorStatusFlags>,
-    /// Standard deviation of the horizontal position, m; 0 where the autopilot does not say.
+    /// The standard deviation of the horizontal position, m; 0 where the autopilot does not report
+    /// it.
     accuracy_m: f32,
-    /// `None` while no SYS_STATUS came; true where the bit is set or does not exist.
+    /// `None` before the first SYS_STATUS; true where the bit is set or does not exist.
     pub(super) prearm: Option<bool>,
     pub(super) battery_percent: Option<i8>,
-    /// Since when the battery has been below the threshold of the watch.
+    /// The time since which the battery has been below the threshold of the watch.
     pub(super) battery_low_since: Option<Instant>,
     pub(super) on_ground: Option<bool>,
-    /// The autopilot has said where its local frame begins.
+    /// The autopilot has reported the origin of its local frame.
     pub(super) origin_known: bool,
 }
 
-/// A position on the ground whose standard deviation is larger than this does not count, m.
+/// The largest standard deviation of a usable position on the ground, m.
 const WORST_ACCURACY_M: f32 = 10.0;
 
-/// An older sample than this before the latest means that the autopilot started anew.
+/// A sample that is older than the latest by more than this shows that the autopilot has restarted.
 const REBOOT_MS: u32 = 10_000;
 
 impl<T: Scalar> Telemetry<T> {
@@ -196,15 +198,15 @@ impl<T: Scalar> Telemetry<T> {
         })
     }
 
-    /// Everything that was placed on the map moves by `moved`: its origin did.
+    /// Moves everything that was placed on the map, because its origin has moved.
     pub(super) fn shift(&mut self, moved: Displacement<T>) {
         for sample in self.history.iter_mut().chain(&mut self.sample) {
             sample.position += moved;
         }
     }
 
-    /// Where the vehicle was at `time` on its clock: interpolated between the samples around it,
-    /// extrapolated where there is none on one side. `None` without any sample.
+    /// Returns the state of the vehicle at `time` on its clock: interpolated between the samples
+    /// around it, extrapolated where there is none on one side. Returns `None` without any sample.
     pub(super) fn fix(&self, time: Instant) -> Option<Fix<T>> {
         let (mut before, mut after): (Option<&Sample<T>>, Option<&Sample<T>>) = (None, None);
         for sample in &self.history {
@@ -245,7 +247,7 @@ impl<T: Scalar> Telemetry<T> {
         };
     }
 
-    /// The estimator stands behind an absolute horizontal position.
+    /// Returns whether the estimator has an absolute horizontal position.
     ///
     /// PX4 sets ESTIMATOR_CONST_POS_MODE for as long as the vehicle stands still (it fuses "at
     /// rest"), so the flag means a missing position only in flight. On the ground the absolute

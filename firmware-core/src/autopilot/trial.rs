@@ -1,38 +1,28 @@
-//! The trial leg: what speed does the airframe reach?
+//! The trial leg measures the speed that the airframe reaches.
 //!
 //! Parameters that the client has raised say nothing about the airframe any more. Where the mission
-//! needs more than they left before, the vehicle flies from the start towards the destination and
-//! back, from rest to rest and as fast as the mission goes, before the first slot. What it reaches
-//! is its limit from then on; if that is too little for the way, it lands where it took off and the
-//! mission is refused with both speeds.
+//! needs more speed than they allowed before, the vehicle flies from the start towards the
+//! destination and back, from rest to rest and as fast as the mission, before the first slot. The
+//! speed that it reaches is its limit from then on; if that is too low to reach the destination in
+//! time, it lands where it took off and the mission is refused with both speeds.
 
-use super::{Autopilot, Event, Phase, failsafe::Cause, preflight::PreflightRefusal};
+use super::{
+    client::Autopilot, event::Event, failsafe::Cause, phase::Phase, preflight::PreflightRefusal,
+    state::Trial,
+};
 use crate::{
     autopilot::guidance::Trajectory,
     scalar::{Position, Scalar},
     time::Instant,
 };
 
-/// The share of the reference's largest speed below which the airframe is what limits it.
+/// The fraction of the reference's largest speed below which the airframe limits the speed.
 const REACHED: f64 = 0.8;
-/// The share of the speed it reached that is planned with, so that it can catch up.
+/// The fraction of the measured speed that is planned with, so that the vehicle can catch up.
 const MARGIN: f64 = 0.95;
 
-/// What a trial leg has shown so far.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Trial<T: Scalar> {
-    /// Where it turns, m.
-    turn: Position<T>,
-    /// It is on its way back.
-    returns: bool,
-    /// The largest speed of the reference on the way there, m/s.
-    asked_mps: T,
-    /// The largest that was measured, m/s.
-    reached_mps: T,
-}
-
 impl<T: Scalar> Autopilot<T> {
-    /// The vehicle is at the start: what comes before the first slot.
+    /// Starts a trial leg if one is needed; otherwise the vehicle is ready for slots.
     pub(super) fn prepare_slots(&mut self, now: Instant) {
         match self.trial_turn() {
             Some(turn) if self.trial.is_none() && self.start_transit(now, turn) => {
@@ -48,7 +38,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Where a trial leg turns; `None` where none is needed.
+    /// Returns the turning point of the trial leg, or `None` where none is needed.
     fn trial_turn(&self) -> Option<Position<T>> {
         let preflight = &self.settings.preflight;
         let needed_mps = preflight.needed_speed_mps?;
@@ -56,16 +46,16 @@ impl<T: Scalar> Autopilot<T> {
         if self.airframe_mps.is_some() {
             return None;
         }
-        let found_mps = T::of(f64::from(self.reader.found_mps()?));
+        let found_mps = T::of(f64::from(self.parameter_manager.found_mps()?));
         if needed_mps <= found_mps || way.norm() <= T::zero() {
             return None;
         }
         let speed_mps = self.limits.speed_mps.min(self.settings.transit_speed_mps);
-        let share = Trajectory::run_up_m(speed_mps, &self.limits) / way.norm();
-        Some(self.settings.start + way * share.min(T::one()))
+        let fraction = Trajectory::run_up_m(speed_mps, &self.limits) / way.norm();
+        Some(self.settings.start + way * fraction.min(T::one()))
     }
 
-    /// Called while the trial is flown.
+    /// Advances the trial leg.
     pub(super) fn advance_trial(&mut self, now: Instant) {
         let Some((mut trial, sample)) = self.trial.zip(self.telemetry.sample) else {
             return;

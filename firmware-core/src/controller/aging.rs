@@ -1,15 +1,16 @@
-//! What is known of the channels when no state came: the last one, aged.
+//! Estimates the channels of a slot for which no state was received, from the last state.
 //!
-//! A link's gain is taken to be the model's times a factor of its own, as last measured. How old
-//! that is decides how far it is trusted: the gain lies between those that the factor and the
-//! model give at `age V_max delta` further from the vehicle and as much nearer, the way that
-//! could have been flown since. With age the bounds widen to a worst case, the far end of the
-//! area on one side and straight below on the other; the controller then promises what holds for
-//! every gain between ([`inner::bounded`](crate::inner::bounded)).
+//! A link's gain is assumed to be the gain of the channel model times a factor of that link, as
+//! last measured. The age of the measurement limits how far it is trusted: the gain lies between
+//! the gains that the factor and the model give at `age V_max delta` further from the vehicle and
+//! nearer to it, the distance that could have been flown since. With age the bounds widen to the
+//! worst case, which is the far end of the area on one side and straight below on the other. The
+//! controller then guarantees its result for every gain between the bounds
+//! ([`inner::bounded`](crate::inner::bounded)).
 //!
-//! What that rests on: links change no faster than flying changes the model, and on the factor
-//! being the link's own. A mission without any state yet begins with factors of 1, aged from
-//! slot 0. A link that was not heard in the last state is not heard now.
+//! This assumes that links change no faster than flying changes the model, and that the factor is a
+//! property of the link. A mission without any state yet begins with factors of 1, aged from slot
+//! 0. A link that was not heard in the last state is assumed not to be heard now.
 
 use heapless::Vec;
 
@@ -20,12 +21,12 @@ use crate::{
     units::PowerGain,
 };
 
-/// The last channel state that came.
+/// The last channel state that was received.
 #[derive(Clone, Debug)]
 pub(super) struct LastState<T: Scalar, const M: usize, const J: usize> {
-    /// Its slot; 0 if none has come.
+    /// The slot of the state; 0 if none was received.
     slot: u32,
-    /// Where the vehicle was, as measured when the next slot was planned.
+    /// The measured position at which the next slot was planned.
     place: Option<Position<T>>,
     users: Vec<PowerGain<T>, M>,
     sensors: Vec<PowerGain<T>, J>,
@@ -49,7 +50,7 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
         }
     }
 
-    /// The gains of a slot came; those that are 0 are not heard.
+    /// Records the gains of a slot; gains that are 0 are not heard.
     pub(super) fn replace(
         &mut self,
         slot: u32,
@@ -62,12 +63,12 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
         self.sensors.clone_from(sensors);
     }
 
-    /// The vehicle has been measured to be at `place` since the last slot's end.
+    /// Records the position that was measured after the last slot's end.
     pub(super) fn locate(&mut self, place: Position<T>) {
         self.place.get_or_insert(place);
     }
 
-    /// What is known in `slot` over `here`.
+    /// Returns bounds on the gains in `slot` over `here`.
     pub(super) fn aged(
         &self,
         mission: &Mission<T, M, J>,

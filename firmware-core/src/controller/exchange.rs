@@ -1,4 +1,4 @@
-//! What goes into the controller and what comes out.
+//! The inputs and outputs of the controller.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ use crate::{
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct ChannelState<T: Scalar, const M: usize, const J: usize> {
-    /// Which slot this is about.
+    /// The slot that the channels were measured in.
     pub slot: u32,
     /// `|g_m|^2` of every user; 0 for one that is not heard.
     pub user_gains: Vec<PowerGain<T>, M>,
@@ -24,7 +24,7 @@ pub struct ChannelState<T: Scalar, const M: usize, const J: usize> {
 }
 
 impl<T: Scalar, const M: usize, const J: usize> ChannelState<T, M, J> {
-    /// The channels that the model gives for a vehicle over `vehicle`.
+    /// Returns the channels that the channel model predicts for a vehicle over `vehicle`.
     pub fn predicted(mission: &Mission<T, M, J>, slot: u32, vehicle: &Position<T>) -> Self {
         let channel = mission.channel();
         let p = mission.parameters();
@@ -37,39 +37,39 @@ impl<T: Scalar, const M: usize, const J: usize> ChannelState<T, M, J> {
     }
 }
 
-/// What was decided before flying a slot.
+/// The decision for a slot, made before it is flown.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct Plan<T: Scalar> {
     /// `n`, 1 to `N`.
     pub slot: u32,
-    /// Where to be at the slot's end, metres.
+    /// The place to be at by the slot's end, metres.
     pub waypoint: Position<T>,
     /// The user to serve.
     pub served_user: usize,
-    /// What the shield changed of the policy's action.
+    /// What the shield changed in the policy's action.
     pub intervention: Intervention,
 }
 
-/// Where a slot's channel state came from.
+/// The origin of a slot's channel state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChannelSource {
     /// From the ground, for this slot and position.
     Measured,
-    /// None came in time: from the last that did, aged, and the channel model at the measured
-    /// position.
+    /// No state was received in time: predicted from the last one, aged, and the channel model at
+    /// the measured position.
     Predicted,
 }
 
-/// What everybody does in a slot.
+/// The transmissions of users and sensors in a slot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
 pub struct SlotCommand<T: Scalar, const J: usize> {
     /// `n`, 1 to `N`.
     pub slot: u32,
-    /// The user that transmits; `None` where no user was heard. It is another than planned
-    /// where only the planned one was not heard.
+    /// The user that transmits, or `None` where no user was heard. It differs from the planned user
+    /// only where the planned one was not heard.
     pub served_user: Option<usize>,
     /// `p`, its power.
     pub user_power: Watt<T>,
@@ -77,26 +77,27 @@ pub struct SlotCommand<T: Scalar, const J: usize> {
     pub sensor_coefficients: Vec<T, J>,
     /// `eta`, one over square root of watts.
     pub normalizing_factor: T,
-    /// `R_n`, bit/s/Hz; the least of it where gains are known within bounds only.
+    /// `R_n`, bit/s/Hz; the smallest rate where gains are known within bounds only.
     pub rate: T,
-    /// `MSE_n` with these powers, coefficients and `eta`; the most of it where gains are known
+    /// `MSE_n` with these powers, coefficients and `eta`; the largest MSE where gains are known
     /// within bounds only.
     pub mse: T,
-    /// How the slot problem came out.
+    /// The status of the slot problem's solution.
     pub status: Status<T>,
-    /// Where the gains came from.
+    /// The origin of the gains.
     pub source: ChannelSource,
-    /// How old the channel state is, slots; 0 when it is this slot's.
+    /// The age of the channel state, slots; 0 when it is this slot's.
     pub age_slots: u32,
-    /// How many gains were NaN, infinite, negative or above 1 and counted as 0.
+    /// The number of gains that were NaN, infinite, negative or above 1 and counted as 0.
     pub rejected_gains: u16,
-    /// How many sensors were not heard and stay silent: their gain is 0 or was rejected. The
-    /// average is still over all `J`; each of these adds `1/J^2` to the MSE.
+    /// The number of sensors that were not heard and stay silent: their gain is 0 or was rejected.
+    /// The average is still over all `J`; each of these adds `1/J^2` to the MSE.
     pub unheard_sensors: u16,
 }
 
 impl<T: Scalar, const J: usize> SlotCommand<T, J> {
-    /// Nobody transmits, and the average is estimated as 0: the command of last resort.
+    /// Returns the command in which nobody transmits and the average is estimated as 0, used where
+    /// nothing else is possible.
     pub(super) fn silent(slot: u32, sensors: usize) -> Self {
         let mse = T::one() / T::count(sensors);
         Self {

@@ -4,25 +4,27 @@
 //! measured position --plan--> admissible waypoint + user --(fly)--> channel state --allocate--> slot command
 //! ```
 //!
-//! A [`Controller`] is either *at rest* between two slots, and takes [`plan`](Controller::plan),
-//! or *under way* in one, and takes [`allocate`](Controller::allocate); anything else is an
+//! A [`Controller`] is either *at rest* between two slots, and accepts [`plan`](Controller::plan),
+//! or *under way* in one, and accepts [`allocate`](Controller::allocate); any other call is an
 //! error that names the phase. It is over after slot `N`.
 //!
-//! Planning starts where the vehicle **is**, never where it was told to go, and counts on the
-//! speed that it has shown it can hold.
+//! Planning starts from where the vehicle **is**, never from where it was sent, and uses the speed
+//! that the vehicle has shown it can hold.
 //!
-//! Gains that are NaN, infinite, negative or above 1 count as 0, *not heard*: such a sensor is
-//! silent, such a user is not served, and the command says how many there were. Where no channel state comes
-//! at all, [`allocate_predicted`](Controller::allocate_predicted) works from the last one, whose
-//! gains are then known within bounds that widen with its age, and the command says how old.
+//! Gains that are NaN, infinite, negative or above 1 count as 0, *not heard*: such a sensor stays
+//! silent, such a user is not served, and the command states how many there were. Where no channel
+//! state is received at all, [`allocate_predicted`](Controller::allocate_predicted) uses the last
+//! one, whose gains are then known within bounds that widen with its age, and the command states
+//! that age.
 //!
 //! Worst case per slot: `plan` is the policy plus 29 shield candidates; `allocate` is `M + J`
-//! checks and one slot solution, `O(J log J)` by the default [`Method`]; `allocate_predicted` is
-//! `3 (M + J)` gains of the channel model and one guarantee.
+//! checks and one slot solution, `O(J log J)` by the default [`Method`]; `allocate_predicted` is `3
+//! (M + J)` gains of the channel model and one guarantee.
 
 mod aging;
+mod command_check;
 mod exchange;
-mod pace;
+mod speed_estimator;
 
 use heapless::Vec;
 
@@ -37,38 +39,39 @@ use crate::{
     units::PowerGain,
 };
 use aging::LastState;
+pub use command_check::CommandError;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
-use pace::Pace;
+use speed_estimator::SpeedEstimator;
 
-/// A call that the controller cannot follow now.
+/// Error returned when the controller cannot carry out a call in its present state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ControllerError {
-    /// `plan` while a slot is under way.
+    /// `plan` was called while a slot is under way.
     #[error("slot {slot} is planned and not yet allocated")]
     SlotUnderWay {
-        /// Which.
+        /// The slot under way.
         slot: u32,
     },
-    /// `allocate` while none is.
+    /// `allocate` was called while no slot is under way.
     #[error("no slot is planned: {done} of {slots} are done")]
     NothingPlanned {
-        /// Slots done.
+        /// The number of slots done.
         done: u32,
-        /// `N`.
+        /// `N`, the number of slots of the mission.
         slots: u32,
     },
     /// The mission is over.
     #[error("the mission is over after {slots} slots")]
     MissionOver {
-        /// `N`.
+        /// `N`, the number of slots of the mission.
         slots: u32,
     },
-    /// The channel state is about another slot.
+    /// The channel state belongs to another slot.
     #[error("channel state is about slot {got}, but slot {expected} is under way")]
     WrongSlot {
-        /// What came.
+        /// The slot of the channel state.
         got: u32,
-        /// What was due.
+        /// The slot under way.
         expected: u32,
     },
     /// The channel state has the wrong number of gains.
@@ -76,9 +79,9 @@ pub enum ControllerError {
     WrongSize {
         /// `user` or `sensor`.
         what: &'static str,
-        /// How many came.
+        /// The number of gains in the channel state.
         got: usize,
-        /// How many there are.
+        /// The number of users or sensors of the mission.
         expected: usize,
     },
     /// The measured position is NaN or infinite.
@@ -98,19 +101,19 @@ pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize =
     rate: T,
     mse: T,
     under_way: Option<Plan<T>>,
-    pace: Pace<T>,
+    speed_estimator: SpeedEstimator<T>,
     last_state: LastState<T, M, J>,
     workspace: Workspace<T, J>,
 }
 
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P, M, J> {
-    /// At rest before slot 1.
+    /// Creates a controller at rest before slot 1.
     pub fn new(mission: Mission<T, M, J>, policy: P) -> Self {
         Self {
             limits: SlotLimits::of_mission(&mission),
             method: Method::Exact,
             fairness: Fairness::new(&mission),
-            pace: Pace::new(&mission),
+            speed_estimator: SpeedEstimator::new(&mission),
             last_state: LastState::none(),
             mission,
             policy,
@@ -122,53 +125,54 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         }
     }
 
-    /// Slots are allocated by another method than the exact one.
+    /// Sets the method that slots are allocated by; the default is the exact one.
     pub fn with_method(self, method: Method<T>) -> Self {
         Self { method, ..self }
     }
 
-    /// For a vehicle with inertia, which can do `limits`: what it can be relied on to keep up, in
-    /// any direction. The shield then keeps room to brake and to turn back, and asks for no more
-    /// than the vehicle can fly. Without this, the paper's kinematics.
+    /// Sets the limits of a vehicle with inertia: what it can be relied on to keep up, in any
+    /// direction. The shield then keeps enough distance to brake and to turn back, and asks for no
+    /// more than the vehicle can fly. Without this call the paper's kinematics are assumed.
     pub fn rely_on(&mut self, limits: &Limits<T>) {
         let slot_s = self.mission.parameters().slot_duration_s;
-        self.pace.rely_on(limits, slot_s);
+        self.speed_estimator.rely_on(limits, slot_s);
     }
 
-    /// What the shield counts on now.
+    /// Returns the vehicle's capabilities that the shield assumes now.
     pub fn agility(&self) -> Agility<T> {
-        self.pace.agility()
+        self.speed_estimator.agility()
     }
 
-    /// The mission being flown.
+    /// Returns the mission being flown.
     pub fn mission(&self) -> &Mission<T, M, J> {
         &self.mission
     }
 
-    /// Who was served how often.
+    /// Returns how often each user was served.
     pub fn fairness(&self) -> &Fairness<M> {
         &self.fairness
     }
 
-    /// Slots that are done.
+    /// Returns the number of slots done.
     pub fn slots_done(&self) -> u32 {
         self.slots_done
     }
 
-    /// Whether all `N` slots are done.
+    /// Returns whether all `N` slots are done.
     pub fn is_over(&self) -> bool {
         self.slots_done >= self.mission.slots()
     }
 
-    /// The slot under way, if one is.
+    /// Returns the plan of the slot under way, if there is one.
     pub fn under_way(&self) -> Option<&Plan<T>> {
         self.under_way.as_ref()
     }
 
-    /// Decides the next slot from where the vehicle is: an admissible waypoint and user.
+    /// Plans the next slot from the measured position: an admissible waypoint and user.
     ///
     /// # Errors
-    /// A slot under way, a mission that is over, a position that is not finite.
+    /// Returns an error if a slot is under way, if the mission is over, or if the position is not
+    /// finite.
     pub fn plan(&mut self, measured: Position<T>) -> Result<Plan<T>, ControllerError> {
         if let Some(plan) = &self.under_way {
             return Err(ControllerError::SlotUnderWay { slot: plan.slot });
@@ -190,9 +194,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         });
         let mut intervention = Intervention::default();
         let destination = self.mission.parameters().destination;
-        self.pace.observe(&measured, &destination);
+        self.speed_estimator.observe(&measured, &destination);
         self.last_state.locate(measured);
-        let agility = self.pace.agility();
+        let agility = self.speed_estimator.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
             && shield::scores_are_sound(&action.user_scores, self.mission.user_count());
@@ -203,14 +207,16 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
                 shield::admissible_user(&self.fairness, &action.user_scores, &mut intervention),
             )
         } else {
-            // A broken output counts as no displacement and the best-rate admissible user.
+            // An invalid output counts as no displacement and the admissible user with the best
+            // rate.
             intervention.broken_output = true;
             let stay = Displacement::zeros();
             let waypoint = shield::admissible_waypoint(&reachable, &stay, &mut intervention);
             (waypoint, self.best_rate_user(&waypoint))
         };
-        // There always is an admissible user: quotas that could be met before a slot can be met
-        // after serving somebody who is owed, and when nobody is owed everybody is admissible.
+        // An admissible user always exists: quotas that could be met before a slot can be met after
+        // serving a user that has not reached its quota, and when all have, every user is
+        // admissible.
         let served_user = chosen.unwrap_or(0);
         let plan = Plan {
             slot,
@@ -218,17 +224,17 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             served_user,
             intervention,
         };
-        self.pace.set_out(measured, waypoint);
+        self.speed_estimator.set_out(measured, waypoint);
         self.under_way = Some(plan);
         Ok(plan)
     }
 
-    /// Powers, coefficients and normalising factor for the slot under way, from the channels at
-    /// the position reached. Ends the slot.
+    /// Returns powers, coefficients and normalizing factor for the slot under way, from the
+    /// channels at the position reached. Ends the slot.
     ///
     /// # Errors
-    /// No slot under way, another slot's state, a wrong number of gains. The slot stays under
-    /// way, so that the right state can still come.
+    /// Returns an error if no slot is under way, if the state belongs to another slot, or if it has
+    /// a wrong number of gains. The slot stays under way, so that the right state can still come.
     pub fn allocate(
         &mut self,
         state: &ChannelState<T, M, J>,
@@ -254,13 +260,13 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         Ok(command)
     }
 
-    /// As [`allocate`](Self::allocate), for a slot whose channel state did not come: from the
-    /// last one that did, aged, and the channel model at the measured position. `Gamma` holds for
-    /// every gain that the aged state allows; where it cannot, users are silent and the average
-    /// is as accurate as can be promised. Whatever the [`Method`].
+    /// As [`allocate`](Self::allocate), for a slot whose channel state was not received: uses the
+    /// last state, aged, and the channel model at the measured position. `Gamma` holds for every
+    /// gain that the aged state allows. Where it cannot hold, users are silent and the average is
+    /// as accurate as can be guaranteed. The [`Method`] is not used.
     ///
     /// # Errors
-    /// No slot under way, a position that is not finite.
+    /// Returns an error if no slot is under way, or if the position is not finite.
     pub fn allocate_predicted(
         &mut self,
         measured: &Position<T>,
@@ -297,7 +303,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         Ok(command)
     }
 
-    /// The slot for valid gains.
+    /// Returns the command of a slot with valid gains.
     fn allocate_known(
         &mut self,
         plan: &Plan<T>,
@@ -309,10 +315,10 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let mut command = SlotCommand::silent(plan.slot, sensor_gains.len());
         command.served_user = served_user;
         command.unheard_sensors = count_unheard(sensor_gains.iter().map(|gain| gain.0));
-        // A processor may have no instruction for roots: each is drawn once.
+        // A processor may have no instruction for square roots: each is computed once.
         let amplitude_gains: Vec<T, J> = sensor_gains.iter().map(|g| g.amplitude()).collect();
-        // A valid mission and valid gains make a slot problem: an error cannot come from here,
-        // and if one did, everybody would stay silent.
+        // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
+        // one did, nobody would transmit.
         let solution = self
             .workspace
             .sensors_of_amplitude(&self.limits, &amplitude_gains)
@@ -339,9 +345,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         command
     }
 
-    /// Who is served: the planned user if it is heard, otherwise the best that is, an admissible
-    /// one if possible. (An inadmissible one takes nothing from anybody: without it the slot
-    /// would pass unused.) `None` where nobody is heard.
+    /// Returns the user to serve: the planned user if it is heard, otherwise the user with the
+    /// highest gain, an admissible one if possible. (Serving an inadmissible one costs the others
+    /// nothing: otherwise the slot would not be used.) Returns `None` where no user is heard.
     fn recipient(&self, planned: usize, gain: impl Fn(usize) -> T) -> Option<usize> {
         let heard = |user: usize| gain(user) > T::zero();
         if heard(planned) {
@@ -357,7 +363,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             })
     }
 
-    /// The slot is over.
+    /// Ends the slot.
     fn finish(&mut self, command: &SlotCommand<T, J>) {
         self.rate = command.rate;
         self.mse = command.mse;
@@ -373,10 +379,10 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         })
     }
 
-    /// The slot under way, if `state` is about it.
+    /// Returns the plan of the slot under way if `state` belongs to it.
     ///
     /// # Errors
-    /// Those of [`allocate`](Self::allocate).
+    /// As [`allocate`](Self::allocate).
     pub fn check_state(&self, state: &ChannelState<T, M, J>) -> Result<Plan<T>, ControllerError> {
         let plan = self.planned()?;
         if state.slot != plan.slot {
@@ -403,7 +409,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         }
     }
 
-    /// The admissible user with the highest rate over `waypoint`, by the channel model.
+    /// Returns the admissible user with the highest rate over `waypoint` according to the channel
+    /// model.
     fn best_rate_user(&mut self, waypoint: &Position<T>) -> Option<usize> {
         let state = ChannelState::predicted(&self.mission, self.slots_done + 1, waypoint);
         let field = self
@@ -415,7 +422,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     }
 }
 
-/// How many gains are 0; at most as many as a message can carry.
+/// Returns the number of gains that are 0; at most as many as a message can carry.
 fn count_unheard<T: Scalar>(gains: impl Iterator<Item = T>) -> u16 {
     gains.filter(|&gain| gain <= T::zero()).count() as u16
 }
@@ -441,7 +448,7 @@ mod tests {
         (missed_m, mission.has_arrived(&here))
     }
 
-    /// The shield learns on the way out how fast the vehicle is, and brings it home in time.
+    /// The shield learns during the mission how fast the vehicle is, and lets it arrive in time.
     #[test]
     fn a_vehicle_slower_than_promised_still_arrives() {
         for most_m in [30.0, 27.5, 26.0, 24.0] {

@@ -4,7 +4,7 @@
 //! optimum that this approaches, in one step.
 //!
 //! Each outer step fixes `eta` and repeats: `t = 1/Psi` (eq:t), then the convex problem eq:p_pbp
-//! in `b`, `p` and `Psi`. In noise-normalised units (`e = eta sigma`, `psi = Psi / e^2`) that is
+//! in `b`, `p` and `Psi`. In noise-normalized units (`e = eta sigma`, `psi = Psi / e^2`) that is
 //!
 //! ```text
 //! maximise   ln(q + psi) - psi / psi_before
@@ -21,17 +21,17 @@
 //! Worst case: `outer_max x inner_max` subproblems of `3 log2 J` comparisons, three quadratics
 //! and `J` terms of the stop rule; no allocation. Single precision suffices for Table I, but not
 //! where the user arrives below rounding of what the sensors can send: with `eta` fixed, its
-//! room `B` is a difference. The exact solver has no such difference.
+//! budget `B` is a difference. The exact solver has no such difference.
 
 use super::{
-    LimitedBy, SlotError, Solution, Status, exact::rate_of_sinr, level::Level, level::SensorField,
+    LimitedBy, SlotError, Solution, Status, level::Level, level::SensorField, rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 use serde::{Deserialize, Serialize};
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Settings<T> {
+pub struct AlternatingSettings<T> {
     /// `xi`: a loop ends when no variable moves further than this. Compared are dimensionless
     /// variables, `x_j = eta |b_j h_j|`, `eta^2 |g|^2 p` and the relative change of `eta`; the
     /// paper compares powers, coefficients and `eta`, ten orders apart.
@@ -42,7 +42,7 @@ pub struct Settings<T> {
     pub inner_max: u32,
 }
 
-impl<T: Scalar> Default for Settings<T> {
+impl<T: Scalar> Default for AlternatingSettings<T> {
     /// `xi = 0.001` (Table I); the caps are ours.
     fn default() -> Self {
         Self {
@@ -56,7 +56,7 @@ impl<T: Scalar> Default for Settings<T> {
 /// How the iteration ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Outcome {
+pub enum AlternatingOutcome {
     /// The outer loop moved no further than `xi`.
     Converged,
     /// A cap came first. What was reached keeps all constraints.
@@ -67,11 +67,11 @@ pub enum Outcome {
 
 /// The answer of Alg. 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report<T> {
+pub struct AlternatingReport<T> {
     /// The powers, coefficients and `eta` reached.
     pub solution: Solution<T>,
     /// How it ended.
-    pub outcome: Outcome,
+    pub outcome: AlternatingOutcome,
     /// Values of `eta` tried.
     pub outer_steps: u32,
     /// Subproblems (eq:p_pbp) solved in all.
@@ -83,13 +83,13 @@ pub struct Report<T> {
 pub struct Step<T> {
     /// `l`, from 1.
     pub outer_step: u32,
-    /// Subproblems solved so far.
+    /// The number of subproblems solved so far.
     pub subproblems: u32,
     /// `R`, bit/s/Hz; never less than after the step before.
     pub rate: T,
 }
 
-/// Amplitudes, user signal and `eta`, noise-normalised.
+/// Amplitudes, user signal and `eta`, noise-normalized.
 #[derive(Clone, Copy, Debug)]
 struct Point<T> {
     level: Level<T>,
@@ -97,7 +97,7 @@ struct Point<T> {
     eta: T,
 }
 
-/// What the inner loop reached.
+/// The result of the inner loop.
 #[derive(Clone, Copy, Debug)]
 struct InnerLoop<T> {
     level: Level<T>,
@@ -107,22 +107,22 @@ struct InnerLoop<T> {
 }
 
 impl<T: Scalar> SensorField<'_, T> {
-    /// Alg. 1 for a user of gain `|g|^2`; `observe` sees every outer step.
+    /// Runs Alg. 1 for a user of gain `|g|^2`; `observe` is called after every outer step.
     ///
-    /// Starts at the least MSE, where `eta = A(c*) / E(c*)`: most other values make the first
-    /// subproblem infeasible.
+    /// The iteration starts at the least MSE, where `eta = A(c*) / E(c*)`: most other values make
+    /// the first subproblem infeasible.
     ///
     /// # Errors
-    /// A gain that is NaN, infinite or negative.
+    /// Returns an error if a gain is NaN, infinite or negative.
     pub fn alternate(
         &self,
         user: Option<PowerGain<T>>,
-        settings: &Settings<T>,
+        settings: &AlternatingSettings<T>,
         mut observe: impl FnMut(Step<T>),
-    ) -> Result<Report<T>, SlotError<T>> {
+    ) -> Result<AlternatingReport<T>, SlotError<T>> {
         let gain = SlotError::check_user(user)?;
         let budget = self.normalized_budget(gain);
-        let mut report = Report {
+        let mut report = AlternatingReport {
             solution: self.solution(
                 Status::Optimal {
                     limited_by: LimitedBy::None,
@@ -131,18 +131,18 @@ impl<T: Scalar> SensorField<'_, T> {
                 T::zero(),
                 gain,
             ),
-            outcome: Outcome::Converged,
+            outcome: AlternatingOutcome::Converged,
             outer_steps: 0,
             subproblems: 0,
         };
         if !self.is_feasible() {
             let least_mse = self.least_mse();
             report.solution.status = Status::Infeasible { least_mse };
-            report.outcome = Outcome::Infeasible;
+            report.outcome = AlternatingOutcome::Infeasible;
             return Ok(report);
         }
         if budget <= T::zero() {
-            // Nothing to maximise: the least MSE, as every solver answers.
+            // Nothing to maximise: every solver returns the least MSE.
             return Ok(report);
         }
         let mut here = Point {
@@ -150,7 +150,7 @@ impl<T: Scalar> SensorField<'_, T> {
             signal: T::zero(),
             eta: self.peak.sum / self.peak.energy,
         };
-        report.outcome = Outcome::IterationLimit;
+        report.outcome = AlternatingOutcome::IterationLimit;
         for outer_step in 1..=settings.outer_max {
             let inner = self.fixed_eta(&here, budget, settings);
             report.outer_steps = outer_step;
@@ -172,7 +172,7 @@ impl<T: Scalar> SensorField<'_, T> {
             });
             if moved <= settings.tolerance * settings.tolerance {
                 if inner.converged {
-                    report.outcome = Outcome::Converged;
+                    report.outcome = AlternatingOutcome::Converged;
                 }
                 break;
             }
@@ -183,21 +183,26 @@ impl<T: Scalar> SensorField<'_, T> {
             LimitedBy::Accuracy
         };
         let status = match report.outcome {
-            Outcome::Converged => Status::Converged { limited_by },
+            AlternatingOutcome::Converged => Status::Converged { limited_by },
             _ => Status::IterationLimit { limited_by },
         };
         report.solution = self.solution(status, &here.level, here.signal, gain);
         Ok(report)
     }
 
-    /// eq:p_pb2 for the `eta` of `here`: alternates `t` with the rest until neither moves nor
-    /// `Psi` is slack, and gives the best amplitudes and signal seen.
-    fn fixed_eta(&self, here: &Point<T>, budget: T, settings: &Settings<T>) -> InnerLoop<T> {
+    /// Solves eq:p_pb2 for the `eta` of `here`: alternates `t` with the other variables until
+    /// neither moves nor `Psi` is slack, and returns the best amplitudes and signal found.
+    fn fixed_eta(
+        &self,
+        here: &Point<T>,
+        budget: T,
+        settings: &AlternatingSettings<T>,
+    ) -> InnerLoop<T> {
         let mut best = *here;
         let mut point = *here;
         let mut subproblems = 0;
         let mut converged = false;
-        // Feasible and tight: eq:eta_ only lowered the MSE of the point before.
+        // This is feasible and tight: eq:eta_ only lowered the MSE of the point before.
         let mut psi = point.level.energy;
         while subproblems < settings.inner_max && !converged {
             subproblems += 1;
@@ -225,12 +230,12 @@ impl<T: Scalar> SensorField<'_, T> {
         }
     }
 
-    /// eq:p_pbp for given `eta` and `t = 1/psi`, all noise-normalised: the amplitudes' level and
-    /// the user's signal.
+    /// Solves eq:p_pbp for given `eta` and `t = 1/psi`, all noise-normalized. Returns the level of
+    /// the amplitudes and the user's signal.
     fn subproblem(&self, eta: T, psi: T, budget: T) -> (Level<T>, T) {
         let two = T::of(2.0);
         let deficit = self.kappa / eta;
-        // The most signal that the MSE allows at a level, for this eta.
+        // The largest signal that the MSE allows at a level, for this eta.
         let room = |level: &Level<T>| (two * level.sum - deficit) / eta - level.energy;
         let ceiling = (T::one() / eta).min(self.amplitude[self.sensor_count() - 1]);
         let stationary = self.first_level(
@@ -268,12 +273,12 @@ impl<T: Scalar> SensorField<'_, T> {
         if signal >= T::zero() {
             return (level, signal.min(budget));
         }
-        // The accuracy alone asks for more than the rate does.
+        // The accuracy alone needs a higher level than the rate does.
         let level = least_for(T::zero());
         (level, room(&level).max(T::zero()).min(budget))
     }
 
-    /// Of two points, in the variables `x_j = eta y_j` and `eta^2 q`.
+    /// Returns the squared distance of two points, in the variables `x_j = eta y_j` and `eta^2 q`.
     fn squared_distance(&self, from: &Point<T>, to: &Point<T>) -> T {
         let signal = to.eta * to.eta * to.signal - from.eta * from.eta * from.signal;
         self.amplitude.iter().fold(signal * signal, |sum, &a| {

@@ -1,5 +1,5 @@
-//! The slot problem with gains that are known within bounds only: what can be promised whatever
-//! they are within them (`docs/mathematics.md`, section 9).
+//! The slot problem with gains that are known within bounds only: a solution that is guaranteed for
+//! all gains within the bounds (`docs/mathematics.md`, section 9).
 //!
 //! With amplitude gains `l_j <= h_j <= u_j` and `g_l <= g <= g_u`, the MSE is convex in every
 //! `h_j` and so is largest at an end of each; it rises with `g`, and the rate falls with `h_j`
@@ -10,41 +10,45 @@
 //! R       >= log2( 1 + g_l^2 p / (sum_j b_j^2 u_j^2 + sigma^2) )
 //! ```
 //!
-//! No sensor gains from `eta b_j > 2 / (l_j + u_j)`, where the two ends err alike; below that the
-//! lower end is the worse. Two choices of `eta` and levels are tried and the better promise kept:
-//! the optimum for the sensors' lower ends beside the user's upper one, held to that limit; and
-//! the `eta` of least worst-case MSE. Then the user gets the power that `Gamma` leaves it. With
-//! bounds that coincide the first is the optimum of [`exact`](super::exact).
+//! No sensor improves the MSE with `eta b_j > 2 / (l_j + u_j)`, where the errors at the two ends
+//! are equal; below that the error at the lower end is the larger one. Two choices of `eta` and
+//! levels are tried and the one with the better guarantee is kept: the optimum for the sensors'
+//! lower bounds beside the user's upper bound, limited as above; and the `eta` of least worst-case
+//! MSE. Then the user gets the power that `Gamma` allows. With bounds that coincide the first
+//! choice is the optimum of [`exact`](super::exact).
 //!
-//! A sensor whose lower bound is 0 stays silent: in the worst case it errs by its whole symbol
-//! whatever it is told.
+//! A sensor whose lower bound is 0 stays silent: in the worst case its whole symbol is missing,
+//! whatever its coefficient.
 //!
 //! Worst case: one exact slot, and [`BISECTIONS`] sums over the sensors.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::{LimitedBy, SlotError, SlotLimits, Status, Workspace, exact::rate_of_sinr};
+use super::{
+    LimitedBy, SlotError, SlotLimits, Status, Workspace, error::check_gains, rate::rate_of_sinr,
+};
 use crate::{
     scalar::Scalar,
     units::{PowerGain, Watt},
 };
 
-/// Halvings of twelve decades in the search for the `eta` of least worst-case MSE: far below
-/// single precision, and below the square root of double, to which a minimum is flat.
+/// The number of halvings of twelve decades in the search for the `eta` of least worst-case MSE.
+/// The result is accurate far below single precision, and below the square root of double
+/// precision, within which a minimum is flat.
 const BISECTIONS: u32 = 40;
 
-/// Between which values a power gain lies, both included.
+/// Lower and upper bound of a power gain, both included.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GainBounds<T> {
-    /// The least that it can be.
+    /// The lower bound.
     pub least: PowerGain<T>,
-    /// The most; no less than that.
+    /// The upper bound, not below the lower bound.
     pub most: PowerGain<T>,
 }
 
 impl<T: Scalar> GainBounds<T> {
-    /// A gain that is known.
+    /// Creates the bounds of a gain that is known exactly.
     pub fn exactly(gain: PowerGain<T>) -> Self {
         Self {
             least: gain,
@@ -53,15 +57,15 @@ impl<T: Scalar> GainBounds<T> {
     }
 }
 
-/// What is promised for every gain within its bounds.
+/// A solution that holds for every gain within its bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guarantee<T> {
-    /// [`Status::Guaranteed`], or [`Status::Infeasible`] where `Gamma` cannot be promised and the
+    /// [`Status::Guaranteed`], or [`Status::Infeasible`] where `Gamma` cannot be guaranteed and the
     /// user is silent.
     pub status: Status<T>,
-    /// The least rate, bit/s/Hz.
+    /// The worst-case rate, bit/s/Hz.
     pub rate: T,
-    /// The largest MSE.
+    /// The worst-case MSE.
     pub mse: T,
     /// `p` of the served user.
     pub user_power: Watt<T>,
@@ -72,15 +76,15 @@ pub struct Guarantee<T> {
 }
 
 impl<T: Scalar> Guarantee<T> {
-    /// `|b_j|` of a sensor, square root of watts; at most `sqrt(p_b^max)`, exactly.
+    /// Returns `|b_j|` of a sensor, square root of watts; at most `sqrt(p_b^max)`, exactly.
     pub fn coefficient(&self, gain: &GainBounds<T>) -> T {
         self.choice
             .coefficient(&Ends::of(gain, self.noise_amplitude))
     }
 }
 
-/// The amplitudes of a link at both ends of its bounds, over the noise amplitude: one over square
-/// root of watts.
+/// The amplitude gains of a link at both ends of its bounds, divided by the noise amplitude: one
+/// over square root of watts.
 #[derive(Clone, Copy, Debug)]
 struct Ends<T> {
     low: T,
@@ -96,22 +100,22 @@ impl<T: Scalar> Ends<T> {
     }
 }
 
-/// How loud the sensors are, given the two numbers that all of them share.
+/// The two numbers from which the amplitudes of all sensors follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Choice<T> {
     /// `eta sigma`.
     eta: T,
-    /// The amplitude, noise-normalised, to which strong sensors turn down.
+    /// The noise-normalized amplitude to which strong sensors reduce their power.
     level: T,
     coefficient_max: T,
 }
 
-/// What a choice comes to at worst.
+/// The worst-case error and energy of a choice.
 #[derive(Clone, Copy, Debug)]
 struct Worst<T> {
-    /// `J^2` times the part of the MSE that is not the user's.
+    /// `J^2` times the part of the MSE that the user does not cause.
     error: T,
-    /// `E`, noise-normalised.
+    /// `E`, noise-normalized.
     energy: T,
 }
 
@@ -141,8 +145,8 @@ impl<T: Scalar> Choice<T> {
         worst
     }
 
-    /// The choice with the least error at worst: where the derivative by `eta`,
-    /// `eta - sum a_j (1 - eta a_j)` over the sensors at full power, changes sign.
+    /// Returns the choice with the least worst-case error: where the derivative by `eta`, `eta -
+    /// sum a_j (1 - eta a_j)` over the sensors at full power, changes sign.
     fn quietest(sensors: &[Ends<T>], coefficient_max: T) -> Self {
         let two = T::of(2.0);
         // From this eta on a sensor inverts its channel.
@@ -150,10 +154,10 @@ impl<T: Scalar> Choice<T> {
         let heard = || sensors.iter().filter(|ends| ends.low > T::zero());
         let mut high = heard().fold(T::zero(), |most, ends| most.max(even(ends)));
         let mut low = high * T::of(1e-12);
-        // With nobody heard there is nothing to halve: `eta` is 0.
+        // If no sensor is heard the range is empty: `eta` is 0.
         let halvings = if low > T::zero() { BISECTIONS } else { 0 };
         for _ in 0..halvings {
-            // The geometric mean, without leaving the range.
+            // The geometric mean, without leaving the range of the number type.
             let eta = low * (high / low).sqrt();
             let slope = heard().fold(eta, |sum, ends| {
                 let a = coefficient_max * ends.low;
@@ -178,10 +182,11 @@ impl<T: Scalar> Choice<T> {
 }
 
 impl<T: Scalar, const J: usize> Workspace<T, J> {
-    /// The slot for gains within bounds, with `user` served or (`None`) nobody.
+    /// Returns the solution for gains within bounds, with `user` served, or nobody (`None`).
     ///
     /// # Errors
-    /// A bound that is NaN, infinite or negative, limits that make no problem, too many sensors.
+    /// Returns an error if a bound is NaN, infinite or negative, if the limits are not those of a
+    /// slot problem, or if there are too many sensors.
     pub fn guarantee(
         &mut self,
         limits: &SlotLimits<T>,
@@ -198,7 +203,7 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         let noise_amplitude = limits.noise_power.0.sqrt();
         let least: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.least).collect();
         let most: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.most).collect();
-        super::check_gains(most.iter().copied())?;
+        check_gains(most.iter().copied())?;
         let ends: Vec<Ends<T>, J> = sensors
             .iter()
             .map(|gain| Ends::of(gain, noise_amplitude))
@@ -223,7 +228,7 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
     }
 }
 
-/// What a choice promises, with the power that it leaves the user.
+/// Returns the guarantee of a choice, with the power that it leaves to the user.
 fn promise<T: Scalar>(
     limits: &SlotLimits<T>,
     sensors: &[Ends<T>],
@@ -255,7 +260,8 @@ fn promise<T: Scalar>(
     if user.most.0 <= T::zero() || power_max <= T::zero() {
         return guarantee;
     }
-    // Infinite or NaN where `eta` is 0: nobody is heard then, and there is no room.
+    // The result is infinite or NaN where `eta` is 0: no sensor is heard then, and no user power is
+    // possible.
     let affordable = (room / eta_squared).max(T::zero()) * (limits.noise_power.0 / user.most.0);
     let (power, limited_by) = if affordable < power_max {
         (affordable, LimitedBy::Accuracy)
@@ -265,7 +271,7 @@ fn promise<T: Scalar>(
     let signal = |gain: PowerGain<T>| power * (gain.0 / limits.noise_power.0);
     let rate = rate_of_sinr(signal(user.least) / worst.energy);
     let mse = (worst.error + eta_squared * signal(user.most)) / (count * count);
-    // With gains at the end of the number type nothing can be promised of the user.
+    // With gains at the end of the number type nothing can be guaranteed for the user.
     if rate.finite() && mse.finite() {
         guarantee.status = Status::Guaranteed { limited_by };
         guarantee.user_power = Watt(power);

@@ -1,9 +1,9 @@
 //! The global optimum of the slot problem in closed form (`docs/mathematics.md`, section 3).
 //!
-//! With `q = p |g|^2 / sigma^2`, `Q = p^max |g|^2 / sigma^2` and the levels of [`SensorField`],
-//! the slot problem is to choose one number: the slot is feasible iff `f(c*) >= kappa`, and then
-//! either **accuracy** limits it (`c = c*`) or **power** does (`q = Q`, and `c` is the root below
-//! `c*` of `A^2 = kappa (Q + E)`: between two neighbouring `a_j` a quadratic).
+//! With `q = p |g|^2 / sigma^2`, `Q = p^max |g|^2 / sigma^2` and the levels of [`SensorField`], the
+//! slot problem has one unknown number: the slot is feasible iff `f(c*) >= kappa`, and then either
+//! **accuracy** limits it (`c = c*`) or **power** does (`q = Q`, and `c` is the root below `c*` of
+//! `A^2 = kappa (Q + E)`: between two neighbouring `a_j` a quadratic).
 //!
 //! Worst case per user, once the sensors are sorted: `log2 J` comparisons and one quadratic; no
 //! iteration to a tolerance, no allocation.
@@ -11,24 +11,25 @@
 use super::{
     LimitedBy, SlotError, Solution, Status,
     level::{Level, SensorField},
+    rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 
 impl<T: Scalar> SensorField<'_, T> {
-    /// The optimal slot with a user of gain `|g|^2` served, or (`None`) with nobody.
+    /// Returns the optimal solution with a user of gain `|g|^2` served, or nobody (`None`).
     ///
-    /// Where there is no rate to be had, the least MSE is chosen.
+    /// Where no rate is possible, the solution of least MSE is returned.
     ///
     /// # Errors
-    /// A gain that is NaN, infinite or negative.
+    /// Returns an error if a gain is NaN, infinite or negative.
     pub fn solve(&self, user: Option<PowerGain<T>>) -> Result<Solution<T>, SlotError<T>> {
         let gain = SlotError::check_user(user)?;
         let (status, level, signal) = self.operating_point(self.normalized_budget(gain));
         Ok(self.solution(status, &level, signal, gain))
     }
 
-    /// The rate alone, bit/s/Hz: what `solve` would report; 0 where infeasible or where the
-    /// gain is not one. The cheap question "how good is this user here?".
+    /// Returns only the rate of the solution that `solve` would return, bit/s/Hz; 0 where the slot
+    /// is infeasible or the gain is invalid. This is cheaper than `solve`.
     pub fn rate(&self, user: PowerGain<T>) -> T {
         if !user.is_valid() {
             return T::zero();
@@ -37,7 +38,7 @@ impl<T: Scalar> SensorField<'_, T> {
         rate_of_sinr(signal / level.energy)
     }
 
-    /// Level and user signal `q` of the optimum for a budget `Q`.
+    /// Returns the status, level and user signal `q` of the optimum for a budget `Q`.
     fn operating_point(&self, budget: T) -> (Status<T>, Level<T>, T) {
         let optimal = |limited_by| Status::Optimal { limited_by };
         if !self.is_feasible() {
@@ -55,14 +56,14 @@ impl<T: Scalar> SensorField<'_, T> {
         (optimal(LimitedBy::Power), level, budget)
     }
 
-    /// The user signal that `Gamma` leaves room for at the peak: `(f(c*)/kappa - 1) E(c*)`.
+    /// Returns the largest user signal that `Gamma` allows at the peak: `(f(c*)/kappa - 1) E(c*)`.
     pub(super) fn affordable_signal(&self) -> T {
         let headroom = self.peak.efficiency() / self.kappa - T::one();
         headroom.max(T::zero()) * self.peak.energy
     }
 
-    /// The least level at which the average stands a user signal `q`: the root below `c*` of
-    /// `D(c) = A(c)^2 - kappa (q + E(c))`, which the caller knows to be positive at `c*`.
+    /// Returns the least level at which the average tolerates a user signal `q`: the root below
+    /// `c*` of `D(c) = A(c)^2 - kappa (q + E(c))`, which the caller knows to be positive at `c*`.
     /// Wherever `f >= kappa`, `D` rises, and below that it is negative: it changes sign once.
     pub(super) fn quietest_level(&self, signal: T) -> Level<T> {
         let reaches = |k: usize, c: T| {
@@ -80,9 +81,4 @@ impl<T: Scalar> SensorField<'_, T> {
             missing / (below.amplitude + discriminant.max(T::zero()).sqrt())
         })
     }
-}
-
-/// `log2(1 + sinr)`, accurate for small `sinr` too.
-pub(super) fn rate_of_sinr<T: Scalar>(sinr: T) -> T {
-    sinr.ln_1p() * T::of(core::f64::consts::LOG2_E)
 }

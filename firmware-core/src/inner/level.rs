@@ -1,23 +1,26 @@
-//! Sensors sorted by strength, and the one-parameter family of amplitudes that every solver of
-//! the slot problem moves in (`docs/mathematics.md`, section 3).
+//! Sensors sorted by strength, and the one-parameter family of amplitudes that contains the
+//! solutions of the slot problem (`docs/mathematics.md`, section 3).
 //!
-//! In noise-normalised units, `a_j = sqrt(p_b^max) |h_j| / sigma`, the best amplitudes are
-//! `y_j = min(c, a_j)` for one *level* `c`: strong sensors turn down to it, weak ones give all
-//! they have. With the `a_j` sorted and summed once,
+//! In noise-normalized units, `a_j = sqrt(p_b^max) |h_j| / sigma`, the best amplitudes are `y_j =
+//! min(c, a_j)` for one *level* `c`: strong sensors reduce their amplitude to it, weak ones
+//! transmit with full power. With the `a_j` sorted and summed once,
 //!
 //! ```text
 //! A(c) = sum_j min(c, a_j)      E(c) = 1 + sum_j min(c, a_j)^2      f(c) = A^2 / E
 //! ```
 //!
-//! cost a look at two running sums, and between two neighbouring `a_j` they are polynomials.
-//! `f` is unimodal; its top is at the *peak level* `c*`, where `E = c A`.
+//! cost a lookup of two running sums, and between two neighbouring `a_j` they are polynomials. `f`
+//! is unimodal; its maximum is at the *peak level* `c*`, where `E = c A`.
 //!
 //! Worst case: `O(J log J)` to sort, `O(J)` for the sums, `O(log J)` for the peak.
 
-use super::{SlotError, SlotLimits, check_gains};
+use super::{
+    error::{SlotError, check_gains},
+    limits::SlotLimits,
+};
 use crate::{scalar::Scalar, units::PowerGain};
 
-/// Room for the sorted amplitudes of up to `J` sensors and their running sums.
+/// Memory for the sorted amplitudes of up to `J` sensors and their running sums.
 #[derive(Clone, Debug)]
 pub struct Workspace<T, const J: usize> {
     amplitude: [T; J],
@@ -34,7 +37,7 @@ impl<T: Scalar, const J: usize> Default for Workspace<T, J> {
 }
 
 impl<T: Scalar, const J: usize> Workspace<T, J> {
-    /// Takes in the sensors of a slot: see [`SensorField::new`].
+    /// Sorts the sensors of a slot into this workspace: see [`SensorField::new`].
     ///
     /// # Errors
     /// As [`SensorField::new`].
@@ -46,8 +49,8 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         SensorField::new(limits, sensor_gains, &mut self.amplitude, &mut self.sums)
     }
 
-    /// As [`sensors`](Self::sensors), from `|h_j|`: for a caller who needs the roots again and a
-    /// processor on which they are dear.
+    /// As [`sensors`](Self::sensors), from `|h_j|`, for a caller that needs the square roots again
+    /// and a processor on which they are expensive.
     ///
     /// # Errors
     /// As [`SensorField::new`].
@@ -57,21 +60,21 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         amplitude_gains: &[T],
     ) -> Result<SensorField<'_, T>, SlotError<T>> {
         limits.check(amplitude_gains.len())?;
-        // An amplitude is a gain exactly where its power is.
+        // An amplitude is a valid gain exactly where its power is.
         check_gains(amplitude_gains.iter().copied().map(PowerGain))?;
         let room = (&mut self.amplitude[..], &mut self.sums[..]);
         SensorField::sorted(limits, amplitude_gains.iter().copied(), room)
     }
 }
 
-/// Sums over the sensors below a place in the sorted order.
+/// Sums over the sensors below an index in the sorted order.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PrefixSum<T> {
     pub(super) amplitude: T,
     pub(super) energy: T,
 }
 
-/// A level with the sums `A` and `E` at it, noise-normalised.
+/// A level with the sums `A` and `E` at it, noise-normalized.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Level<T> {
     /// `c`.
@@ -83,22 +86,22 @@ pub(super) struct Level<T> {
 }
 
 impl<T: Scalar> Level<T> {
-    /// `f = A^2 / E`, formed so that nothing overflows or vanishes in single precision.
+    /// Returns `f = A^2 / E`, computed so that nothing overflows or underflows in single precision.
     pub(super) fn efficiency(&self) -> T {
         self.sum * (self.sum / self.energy)
     }
 }
 
-/// The sensors of one slot at one position, sorted, with the peak level found: everything that
-/// does not depend on the user.
+/// The sensors of one slot at one position, sorted, with the peak level: everything that does not
+/// depend on the user.
 #[derive(Clone, Debug)]
 pub struct SensorField<'w, T> {
     /// `a_j`, ascending.
     pub(super) amplitude: &'w [T],
-    /// `sums[k]`: over the `k` weakest sensors.
+    /// `sums[k]`: the sums over the `k` weakest sensors.
     pub(super) sums: &'w [PrefixSum<T>],
     pub(super) peak: Level<T>,
-    /// `kappa` of the threshold that answers aim at: see [`SlotLimits::aim`].
+    /// `kappa` of the threshold that solutions aim at: see [`SlotLimits::aim`].
     pub(super) kappa: T,
     pub(super) limits: SlotLimits<T>,
     /// `sigma`, square root of watts.
@@ -108,12 +111,12 @@ pub struct SensorField<'w, T> {
 }
 
 impl<'w, T: Scalar> SensorField<'w, T> {
-    /// Sorts the sensors into the caller's room and finds the peak. `amplitude` and `sums`
-    /// must hold at least as many entries as there are sensors.
+    /// Sorts the sensors into the caller's buffers and finds the peak. `amplitude` and `sums` must
+    /// hold at least as many entries as there are sensors.
     ///
     /// # Errors
-    /// A gain that is NaN, infinite or negative, limits that make no problem (`Gamma >= 1/J`
-    /// among them), too little room.
+    /// Returns an error if a gain is NaN, infinite or negative, if the limits are not those of a
+    /// slot problem (for example `Gamma >= 1/J`), or if the buffers are too small.
     pub fn new(
         limits: &SlotLimits<T>,
         sensor_gains: &[PowerGain<T>],
@@ -126,7 +129,7 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         Self::sorted(limits, amplitude_gains, (amplitude, sums))
     }
 
-    /// The field of checked limits and gains `|h_j|`.
+    /// Creates the field of checked limits and gains `|h_j|`.
     fn sorted(
         limits: &SlotLimits<T>,
         amplitude_gains: impl ExactSizeIterator<Item = T>,
@@ -139,8 +142,9 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         }
         let noise_amplitude = limits.noise_power.0.sqrt();
         let coefficient_max = limits.coefficient_max();
-        // Beside a sensor this strong the noise is below rounding, and `f` no longer tells it
-        // from a stronger one: the cap loses nothing, and sums of squares stay finite.
+        // Beside a sensor this strong the noise is below rounding, and `f` does not distinguish it
+        // from a stronger one: the cap has no effect on the result, and sums of squares stay
+        // finite.
         let strongest = T::one() / T::EPSILON;
         let amplitude = &mut amplitude[..sensors];
         for (a, gain) in amplitude.iter_mut().zip(amplitude_gains) {
@@ -171,28 +175,28 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         Ok(field)
     }
 
-    /// What bounds the slot.
+    /// Returns the limits of the slot.
     pub fn limits(&self) -> &SlotLimits<T> {
         &self.limits
     }
 
-    /// How many sensors there are.
+    /// Returns the number of sensors.
     pub fn sensor_count(&self) -> usize {
         self.amplitude.len()
     }
 
-    /// Whether `Gamma` can be met at all here: `f(c*) >= kappa`.
+    /// Returns whether `Gamma` can be met: `f(c*) >= kappa`.
     pub fn is_feasible(&self) -> bool {
         self.peak.efficiency() >= self.limits.kappa(self.sensor_count())
     }
 
-    /// The least MSE that these channels allow with the user silent: `(J - f(c*)) / J^2`.
+    /// Returns the least MSE that these channels allow with the user silent: `(J - f(c*)) / J^2`.
     pub fn least_mse(&self) -> T {
         let sensors = T::count(self.sensor_count());
         (sensors - self.peak.efficiency()) / (sensors * sensors)
     }
 
-    /// `Q = p^max |g|^2 / sigma^2`; infinite where the number type ends.
+    /// Returns `Q = p^max |g|^2 / sigma^2`, or infinity where that exceeds the number type.
     pub(super) fn normalized_budget(&self, user: PowerGain<T>) -> T {
         let power = self.limits.user_power_max.0;
         if power <= T::zero() {
@@ -201,7 +205,7 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         power * (user.0 / self.limits.noise_power.0)
     }
 
-    /// `A` and `E` at level `c`, which lies in segment `k`: above the `k` weakest sensors.
+    /// Returns `A` and `E` at level `c`, which lies in segment `k`: above the `k` weakest sensors.
     pub(super) fn level_in_segment(&self, k: usize, c: T) -> Level<T> {
         let strong = T::count(self.sensor_count() - k);
         let below = self.sums[k];
@@ -212,10 +216,10 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         }
     }
 
-    /// The level inside the first segment whose upper end is `enough`: a question about the
-    /// end of segment `k`, `c = a_k`, that is answered no up to some amplitude and yes from it
-    /// on. `within` gives the level for `J - k` sensors at it and the sums of those below; it is
-    /// held to the segment and to `ceiling`. Worst case: `log2 J` questions.
+    /// Returns the level inside the first segment whose upper end is `enough`: a predicate of the
+    /// end of segment `k`, `c = a_k`, that is false up to some amplitude and true from it on.
+    /// `within` gives the level for `J - k` sensors at it and the sums of those below; it is
+    /// limited to the segment and to `ceiling`. Worst case: `log2 J` evaluations of the predicate.
     pub(super) fn first_level(
         &self,
         ceiling: T,
@@ -238,15 +242,15 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         };
         let top = self.amplitude[low].min(ceiling);
         let c = within(T::count(self.sensor_count() - low), self.sums[low]);
-        // Where rounding leads out of the segment, its end is the answer; also for a quotient
-        // 0/0, which only an empty segment gives.
+        // Where rounding leads out of the segment, its end is returned; also for a quotient 0/0,
+        // which occurs only in an empty segment.
         let c = if c < top { c.max(floor) } else { top };
         self.level_in_segment(low, c)
     }
 
-    /// `c*`: the level where `E - c A` reaches 0, or the strongest amplitude where it never
-    /// does. With `k` sensors below, the quadratic terms cancel:
-    /// `E - c A = 1 + energy_k - c amplitude_k`, which only falls.
+    /// Returns `c*`: the level where `E - c A` reaches 0, or the strongest amplitude where it never
+    /// does. With `k` sensors below, the quadratic terms cancel: `E - c A = 1 + energy_k - c
+    /// amplitude_k`, which is decreasing.
     fn find_peak(&self) -> Level<T> {
         let rest = |below: PrefixSum<T>| T::one() + below.energy;
         self.first_level(

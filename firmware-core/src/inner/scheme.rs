@@ -1,11 +1,11 @@
-//! The paper's comparison schemes: one freedom taken away, the rest still optimal, each in
-//! closed form (`docs/mathematics.md`, section 6, derives them).
+//! The paper's comparison schemes: one variable is fixed, the rest is still optimal, each in closed
+//! form (`docs/mathematics.md`, section 6, derives them).
 //!
-//! * **Fixed user power**: `p` is `p_f` or, where the average could not be accurate beside it,
-//!   0. With `q` given the rate is highest where `E` is least: the least level at which the
-//!   average stands `q`.
-//! * **Fixed sensor power**: `|b_j|^2 = p_f` for every sensor. `A` and `E` are given, and the
-//!   user may send what accuracy leaves, `q = A^2 / kappa - E`.
+//! * **Fixed user power**: `p` is `p_f` or, where the average could not be accurate beside it, 0.
+//!   With `q` given the rate is highest where `E` is least: the least level at which the average
+//!   tolerates `q`.
+//! * **Fixed sensor power**: `|b_j|^2 = p_f` for every sensor. `A` and `E` are given, and the user
+//!   may transmit with the power that accuracy leaves, `q = A^2 / kappa - E`.
 //!
 //! The paper does not give the powers; they are parameters here.
 
@@ -16,20 +16,20 @@ use crate::{
 };
 
 impl<T: Scalar> SensorField<'_, T> {
-    /// The best slot in which the user sends with `power` (at most `p^max`) or not at all.
-    /// Worst case: `log2 J` comparisons and one quadratic.
+    /// Returns the best solution in which the user transmits with `power` (at most `p^max`) or not
+    /// at all. Worst case: `log2 J` comparisons and one quadratic.
     ///
     /// # Errors
-    /// A gain that is NaN, infinite or negative.
+    /// Returns an error if a gain is NaN, infinite or negative.
     pub fn with_fixed_user_power(
         &self,
         user: Option<PowerGain<T>>,
         power: Watt<T>,
     ) -> Result<Solution<T>, SlotError<T>> {
         let gain = SlotError::check_user(user)?;
-        let share = (power.0 / self.limits.user_power_max.0).min(T::one());
-        let signal = self.normalized_budget(gain) * share;
-        // Also false for 0/0, where there is no power to fix.
+        let fraction = (power.0 / self.limits.user_power_max.0).min(T::one());
+        let signal = self.normalized_budget(gain) * fraction;
+        // This is also false for 0/0, where there is no power to fix.
         if !(self.is_feasible() && signal > T::zero()) {
             return self.solve(None);
         }
@@ -46,11 +46,12 @@ impl<T: Scalar> SensorField<'_, T> {
         Ok(self.solution(status, &level, signal, gain))
     }
 
-    /// The best slot in which every sensor sends with `power` (at most `p_b^max`); infeasible
-    /// where accuracy would need sensors to turn down. Worst case: `O(1)` once the sums are there.
+    /// Returns the best solution in which every sensor transmits with `power` (at most `p_b^max`);
+    /// infeasible where accuracy would need sensors to reduce it. Worst case: `O(1)` once the sums
+    /// are computed.
     ///
     /// # Errors
-    /// A gain that is NaN, infinite or negative.
+    /// Returns an error if a gain is NaN, infinite or negative.
     pub fn with_fixed_sensor_power(
         &self,
         user: Option<PowerGain<T>>,
@@ -59,7 +60,7 @@ impl<T: Scalar> SensorField<'_, T> {
         let gain = SlotError::check_user(user)?;
         let budget = self.normalized_budget(gain);
         let coefficient = power.0.max(T::zero()).sqrt().min(self.coefficient_max);
-        let share = if coefficient > T::zero() {
+        let fraction = if coefficient > T::zero() {
             coefficient / self.coefficient_max
         } else {
             T::zero()
@@ -67,9 +68,9 @@ impl<T: Scalar> SensorField<'_, T> {
         let last = self.sensor_count() - 1;
         let all = self.level_in_segment(last, self.amplitude[last]);
         let level = Level {
-            c: all.c * share,
-            sum: all.sum * share,
-            energy: T::one() + (all.energy - T::one()) * share * share,
+            c: all.c * fraction,
+            sum: all.sum * fraction,
+            energy: T::one() + (all.energy - T::one()) * fraction * fraction,
         };
         let affordable = (level.efficiency() / self.kappa - T::one()) * level.energy;
         let (status, signal) = if level.efficiency() < self.limits.kappa(self.sensor_count()) {
@@ -88,7 +89,7 @@ impl<T: Scalar> SensorField<'_, T> {
             (Status::Optimal { limited_by }, signal)
         };
         Ok(Solution {
-            // No sensor turns down to any level.
+            // No sensor reduces its amplitude to a level.
             level: T::max_value().unwrap_or(self.noise_amplitude),
             coefficient_max: coefficient,
             ..self.solution(status, &level, signal, gain)

@@ -1,7 +1,8 @@
-//! What the vehicle tells of itself once a slot: counters of everything that came, was dropped or
-//! was done without.
+//! The vehicle's report about itself, sent once a slot: counters of everything that was received,
+//! dropped or missing.
 //!
-//! Counters start at 0 with the vehicle, only rise, and stay at their largest value. They add up:
+//! Counters start at 0 when the vehicle starts, never decrease, and stay at their largest value.
+//! They are consistent:
 //!
 //! * every delimited piece of the ground link is one of [`LinkCounters`];
 //! * every good message is used, or is one of `states_out_of_turn`, `states_of_wrong_size` and
@@ -11,15 +12,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::FrameError;
 use crate::autopilot::wire;
 
-/// Adds one, and stays at the largest value.
-pub(crate) fn count(counter: &mut u32) {
-    *counter = counter.saturating_add(1);
-}
-
-/// What a decoder of the ground link has seen: one counter per outcome.
+/// Counters of what a decoder of the ground link has received, one per outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LinkCounters {
     /// Good frames.
@@ -37,7 +32,7 @@ pub struct LinkCounters {
 }
 
 impl LinkCounters {
-    /// Frames that were dropped, for whatever reason.
+    /// Returns the number of frames that were dropped for any reason.
     pub fn dropped(&self) -> u32 {
         [
             self.too_long,
@@ -49,44 +44,34 @@ impl LinkCounters {
         .into_iter()
         .fold(0, u32::saturating_add)
     }
-
-    pub(super) fn note(&mut self, error: FrameError) {
-        count(match error {
-            FrameError::TooLong => &mut self.too_long,
-            FrameError::Malformed => &mut self.malformed,
-            FrameError::Checksum => &mut self.checksum,
-            FrameError::Version { .. } => &mut self.version,
-            FrameError::Message => &mut self.message,
-        });
-    }
 }
 
-/// What became of slots and of what the ground sent for them.
+/// Counters of slots and of what the ground sent for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SlotCounters {
-    /// Slots allocated from channel state of that slot.
+    /// Slots allocated from the channel state of that slot.
     pub measured: u32,
-    /// Slots allocated from aged state, because none came in time.
+    /// Slots allocated from aged state, because none was received in time.
     pub stale: u32,
-    /// Slots in which `Gamma` could not be promised, and users were silent.
+    /// Slots in which `Gamma` could not be guaranteed, and users were silent.
     pub infeasible: u32,
-    /// Slots in which another user was served than planned: the planned one was not heard.
+    /// Slots in which another user than planned was served, because the planned one was not heard.
     pub user_replaced: u32,
-    /// Slots in which nobody was served: no user was heard.
+    /// Slots in which no user was served, because none was heard.
     pub nobody_served: u32,
     /// Sensors that were not heard, summed over the slots.
     pub unheard_sensors: u32,
     /// Gains that were NaN, infinite, negative or above 1, summed over the slots.
     pub rejected_gains: u32,
-    /// Channel states that were about another slot, came twice or came too late.
+    /// Channel states that belonged to another slot, came twice or came too late.
     pub states_out_of_turn: u32,
     /// Channel states with a wrong number of gains.
     pub states_of_wrong_size: u32,
     /// Messages that only the vehicle sends.
     pub echoes: u32,
-    /// Arrivals that were sent again because no channel state had come.
+    /// Arrivals that were sent again because no channel state was received.
     pub arrivals_repeated: u32,
-    /// Messages that gave way to newer ones before they were fetched.
+    /// Messages that were replaced by newer ones before they were sent.
     pub unsent: u32,
 }
 
@@ -97,15 +82,15 @@ pub struct VehicleStatus {
     pub slots_done: u32,
     /// Slots and channel states.
     pub slots: SlotCounters,
-    /// The ground link, as the vehicle received it.
+    /// The ground link, as received by the vehicle.
     pub link: LinkCounters,
-    /// MAVLink, as the vehicle received it.
+    /// MAVLink, as received by the vehicle.
     pub mavlink: wire::Counters,
-    /// Sound MAVLink frames whose message could not be read.
+    /// MAVLink frames with a correct checksum whose message could not be decoded.
     pub mavlink_unreadable: u32,
 }
 
 impl VehicleStatus {
-    /// How many counters there are.
+    /// The number of counters.
     pub(super) const COUNTERS: usize = 1 + 12 + 6 + 9 + 1;
 }

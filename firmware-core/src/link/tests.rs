@@ -1,9 +1,10 @@
-use super::*;
+use super::{frame::CHECKSUM, *};
 use crate::{
     Watt,
     autopilot::Tick,
-    controller::ChannelSource,
+    controller::{ChannelSource, ChannelState, Plan, SlotCommand},
     inner::*,
+    scalar::Position,
     shield::Intervention,
     test_missions::table_one,
     time::{Duration, Instant},

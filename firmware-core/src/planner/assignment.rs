@@ -1,5 +1,5 @@
-//! The assignment of users to the slots of a path: every user at least as often as it is owed
-//! (eq:a3), the sum of rates largest.
+//! The assignment of users to the slots of a path that maximizes the sum of rates, with every user
+//! in at least as many slots as its quota asks (eq:a3).
 //!
 //! A transportation problem with few users and many slots. Every slot first takes its best user;
 //! while a user is short of slots, the cheapest chain of reassignments gives it one. Because each
@@ -7,7 +7,7 @@
 
 use crate::scalar::Scalar;
 
-/// Gives every slot its best user. `rates` is slots by users, row by row.
+/// Assigns every slot to its best user. `rates` is slots by users, row by row.
 pub(super) fn assign_best<T: Scalar>(rates: &[T], users: usize, assigned: &mut [u8]) {
     for (row, assigned) in rates.chunks_exact(users.max(1)).zip(assigned) {
         let mut best = (0, T::of(f64::NEG_INFINITY));
@@ -20,7 +20,7 @@ pub(super) fn assign_best<T: Scalar>(rates: &[T], users: usize, assigned: &mut [
     }
 }
 
-/// Slots per user.
+/// Returns the number of slots per user.
 pub(super) fn counts<const M: usize>(assigned: &[u8]) -> [u32; M] {
     let mut counts = [0; M];
     for &user in assigned {
@@ -31,7 +31,7 @@ pub(super) fn counts<const M: usize>(assigned: &[u8]) -> [u32; M] {
     counts
 }
 
-/// The operations of one [`augment`].
+/// Returns the number of operations of one [`augment`].
 pub(super) fn operations(slots: usize, users: usize) -> u64 {
     (4 * slots * users + 4 * users * users * users) as u64
 }
@@ -43,7 +43,7 @@ struct Edge<T> {
     slot: usize,
 }
 
-/// Gives one more slot to a user that is short of `least`, at the least loss of rate. Returns
+/// Gives one more slot to a user that is short of `least`, at the smallest loss of rate. Returns
 /// whether that was needed and done; call until it returns false. Needs `sum(least) <= slots` to
 /// succeed. Worst case: `O(slots M + M^3)`.
 pub(super) fn augment<T: Scalar, const M: usize>(
@@ -112,8 +112,8 @@ pub(super) fn augment<T: Scalar, const M: usize>(
     let Some(end) = nearest.filter(|&user| distance[user].finite()) else {
         return false;
     };
-    // The chain, from its end. Rounding could close it to a cycle, of which nobody gains a slot;
-    // then the end takes its slot from the user that loses least.
+    // The chain is applied from its end. Rounding could close it to a cycle, in which no user gains
+    // a slot; then the end takes its slot from the user that loses least.
     let spares = |user: usize| user < users && held(user) > owed(user);
     let mut start = end;
     for _ in 0..users {

@@ -10,13 +10,13 @@ use heapless::Vec;
 
 use crate::scalar::{Displacement, Position, Scalar};
 
-/// Directions of the moves.
+/// The number of directions of the moves.
 const DIRECTIONS: usize = 16;
-/// Step lengths of the moves, each half of the one before.
+/// The number of step lengths of the moves, each half of the one before.
 const RINGS_MAX: usize = 5;
-/// The most moves there are: directions times step lengths, and staying.
+/// The largest number of moves: directions times step lengths, and staying.
 pub(super) const MOVES_MAX: usize = DIRECTIONS * RINGS_MAX + 1;
-/// Fewest columns and rows.
+/// The smallest number of columns and rows.
 const SIDE_MIN: usize = 2;
 
 /// A rectangular grid of nodes.
@@ -38,7 +38,7 @@ pub(super) struct Move<T> {
 }
 
 impl<T: Scalar> Lattice<T> {
-    /// A grid of at most `nodes` nodes (at least 4) over the box from `low` to `high`, with
+    /// Creates a grid of at most `nodes` nodes (at least 4) over the box from `low` to `high`, with
     /// nodes no closer than `least_m`.
     pub(super) fn new(low: Position<T>, high: Position<T>, nodes: usize, least_m: T) -> Self {
         let extent = high - low;
@@ -56,12 +56,12 @@ impl<T: Scalar> Lattice<T> {
         }
     }
 
-    /// How many nodes there are.
+    /// Returns the number of nodes.
     pub(super) fn len(&self) -> usize {
         self.columns * self.rows
     }
 
-    /// The place of a node, metres.
+    /// Returns the position of a node, metres.
     pub(super) fn node(&self, index: usize) -> Position<T> {
         let (column, row) = (index % self.columns, index / self.columns);
         Position::new(
@@ -70,7 +70,7 @@ impl<T: Scalar> Lattice<T> {
         )
     }
 
-    /// The moves of length `step_m` and its halves, down to half the spacing, and staying.
+    /// Returns the moves of length `step_m` and its halves, down to half the spacing, and staying.
     pub(super) fn moves(&self, step_m: T) -> Vec<Move<T>, MOVES_MAX> {
         let mut moves = Vec::new();
         let mut add = |by: Displacement<T>| {
@@ -108,19 +108,20 @@ impl<T: Scalar> Lattice<T> {
         })
     }
 
-    /// Diagonal of the grid, metres.
+    /// Returns the diagonal of the grid, metres.
     pub(super) fn across_m(&self) -> T {
         let east = self.spacing.x * T::count(self.columns - 1);
         let north = self.spacing.y * T::count(self.rows - 1);
         (east * east + north * north).sqrt()
     }
 
-    /// The larger spacing of nodes, metres.
+    /// Returns the larger spacing of nodes, metres.
     pub(super) fn spacing_m(&self) -> T {
         self.spacing.x.max(self.spacing.y)
     }
 
-    /// The value at a place, interpolated; outside the grid that of the nearest place in it.
+    /// Returns the interpolated value at a place; outside the grid the value of the nearest place
+    /// in it.
     pub(super) fn value(&self, layer: &[T], place: &Position<T>) -> T {
         let locate = |value: T, spacing: T, count: usize| {
             let x = (value / spacing).max(T::zero());
@@ -139,8 +140,8 @@ impl<T: Scalar> Lattice<T> {
         a + (b - a) * north
     }
 
-    /// Raises every entry of `to` to the value, in `from`, of the place that a move leads to.
-    /// Moves that leave the grid are not made.
+    /// Raises every entry of `to` to the value, in `from`, of the place that a move leads to. Moves
+    /// that leave the grid are skipped.
     pub(super) fn improve(&self, from: &[T], way: &Move<T>, to: &mut [T]) {
         let (zero, one) = (T::zero(), T::one());
         let width = isize::from(way.east > zero);
@@ -184,14 +185,15 @@ impl<T: Scalar> Lattice<T> {
     }
 }
 
-/// A unit vector: direction `index` of `count`.
+/// Returns a unit vector: direction `index` of `count`.
 pub(super) fn unit<T: Scalar>(index: usize, count: usize) -> Displacement<T> {
     let angle = T::of(core::f64::consts::TAU * index as f64 / count as f64);
     let (sine, cosine) = angle.sin_cos();
     Displacement::new(cosine, sine)
 }
 
-/// Whole steps and the fraction beyond them, held to a little more than the grid.
+/// Splits a distance into whole steps and the fraction beyond them, clamped to a little more than
+/// the grid.
 fn split<T: Scalar>(nodes: T, count: usize) -> (isize, T) {
     let held = nodes
         .to_f64()
@@ -201,7 +203,7 @@ fn split<T: Scalar>(nodes: T, count: usize) -> (isize, T) {
         whole -= 1;
     }
     let fraction = held - whole as f64;
-    // A hair of a node is rounding.
+    // A very small fraction of a node is rounding.
     if fraction < 1e-6 {
         (whole, T::zero())
     } else if fraction > 1.0 - 1e-6 {
@@ -211,7 +213,8 @@ fn split<T: Scalar>(nodes: T, count: usize) -> (isize, T) {
     }
 }
 
-/// The indices from which a shift by `by` stays within `count`, with `extra` nodes beyond it.
+/// Returns the indices from which a shift by `by` stays within `count`, with `extra` nodes beyond
+/// it.
 fn range(by: isize, extra: isize, count: usize) -> core::ops::Range<usize> {
     let count = count as isize;
     let start = (-by).clamp(0, count);
@@ -219,7 +222,7 @@ fn range(by: isize, extra: isize, count: usize) -> core::ops::Range<usize> {
     start as usize..end as usize
 }
 
-/// The square root, for sizes of grids.
+/// Returns the square root, for sizes of grids.
 fn num_sqrt(value: f64) -> f64 {
     libm::sqrt(value)
 }

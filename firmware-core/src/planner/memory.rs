@@ -13,23 +13,23 @@
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capacity {
-    /// The most slots of a mission.
+    /// The largest number of slots of a mission.
     pub slots: usize,
-    /// The most users.
+    /// The largest number of users.
     pub users: usize,
-    /// Nodes of the grid, at least 4.
+    /// The number of nodes of the grid, at least 4.
     pub nodes: usize,
-    /// Stages of the dynamic programme, at least 1: the slots that remain are divided into so many
-    /// stages of equal length, or into one per slot where that is fewer.
+    /// The number of stages of the dynamic programme, at least 1. The slots that remain are divided
+    /// into this many stages of equal length, or into one per slot where that is fewer.
     pub stages: usize,
 }
 
-/// Candidate places of a waypoint while the order of service is changed: 3 x 3.
+/// The number of candidate places of a waypoint while the order of service is changed: 3 x 3.
 pub(super) const PLACES: usize = 9;
 
 impl Capacity {
-    /// The usual capacity for a mission of `slots` slots and `users` users: 25 x 25 nodes and at
-    /// most 24 stages. Finer grids and more stages were not better on random missions
+    /// Returns the usual capacity for a mission of `slots` slots and `users` users: 25 x 25 nodes
+    /// and at most 24 stages. Finer grids and more stages were not better on random missions
     /// (`host-sim benchmark`): values are interpolated at every stage, which blurs them.
     pub const fn new(slots: usize, users: usize) -> Self {
         let stages = if slots > 24 { 24 } else { slots };
@@ -41,7 +41,7 @@ impl Capacity {
         }
     }
 
-    /// Numbers that the planner needs room for.
+    /// Returns how many numbers the planner needs.
     pub const fn values(&self) -> usize {
         let rates = (self.users + 2) * self.nodes;
         let points = 2 * (self.stages + 1);
@@ -49,17 +49,18 @@ impl Capacity {
         super::place_rates::GAIN_ENTRIES + rates + self.shared() + points + paths
     }
 
-    /// Bytes that the planner needs room for, beside the numbers.
+    /// Returns how many bytes the planner needs beside the numbers.
     pub const fn indices(&self) -> usize {
         3 * self.slots + self.slots * super::polish::PLACES
     }
 
-    /// All of it in bytes, for numbers of type `T`.
+    /// Returns the whole size in bytes, for numbers of type `T`.
     pub const fn memory_bytes<T>(&self) -> usize {
         self.values() * core::mem::size_of::<T>() + self.indices()
     }
 
-    /// Numbers in the part that the value layers and the tables of [`super::order`] share.
+    /// Returns how many numbers the part has that the value layers and the tables of
+    /// [`super::order`] share.
     const fn shared(&self) -> usize {
         let layers = self.stages * self.nodes;
         let tables = self.slots * super::order::row_len(self.users);
@@ -67,11 +68,11 @@ impl Capacity {
     }
 }
 
-/// Memory of a planner: numbers and bytes, at least as many as
-/// [`Capacity::values`] and [`Capacity::indices`] say. Implemented for pairs of anything that
-/// gives slices: arrays, vectors, mutable references.
+/// The memory of a planner: numbers and bytes, at least as many as [`Capacity::values`] and
+/// [`Capacity::indices`] return. Implemented for pairs of anything that gives slices: arrays,
+/// vectors, mutable references.
 pub trait Memory<T> {
-    /// Both parts.
+    /// Returns both parts.
     fn parts(&mut self) -> (&mut [T], &mut [u8]);
 }
 
@@ -81,7 +82,7 @@ impl<T, A: AsMut<[T]>, B: AsMut<[u8]>> Memory<T> for (A, B) {
     }
 }
 
-/// A path and who is served on it.
+/// A path and the users that are served on it.
 pub(super) struct PathMut<'a, T> {
     /// East and north of every waypoint, metres.
     pub(super) places: &'a mut [T],
@@ -89,7 +90,7 @@ pub(super) struct PathMut<'a, T> {
     pub(super) users: &'a mut [u8],
 }
 
-/// The memory, divided up.
+/// The memory, divided into its parts.
 pub(super) struct Parts<'a, T> {
     /// The table of amplitude gains.
     pub(super) gains: &'a mut [T],
@@ -115,7 +116,7 @@ pub(super) struct Parts<'a, T> {
     pub(super) back: &'a mut [u8],
 }
 
-/// The next `count` entries, or as many as there are.
+/// Returns the next `count` entries, or as many as there are.
 fn take<'a, T>(rest: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     let all = core::mem::take(rest);
     let (taken, left) = all.split_at_mut(count.min(all.len()));
@@ -151,7 +152,7 @@ impl<'a, T> Parts<'a, T> {
 }
 
 impl<T: crate::Scalar> PathMut<'_, T> {
-    /// Waypoint `index`; the origin where there is none.
+    /// Returns waypoint `index`, or the origin where there is none.
     pub(super) fn place(&self, index: usize) -> crate::Position<T> {
         place(self.places, index)
     }
@@ -161,12 +162,12 @@ impl<T: crate::Scalar> PathMut<'_, T> {
         set_place(self.places, index, place);
     }
 
-    /// The served user of a slot.
+    /// Returns the served user of a slot.
     pub(super) fn user(&self, index: usize) -> usize {
         self.users.get(index).copied().unwrap_or(0).into()
     }
 
-    /// Becomes a copy of another path.
+    /// Copies another path into this one.
     pub(super) fn copy_from(&mut self, other: &PathMut<'_, T>) {
         for (to, from) in self.places.iter_mut().zip(other.places.iter()) {
             *to = *from;
@@ -185,7 +186,7 @@ impl<T: crate::Scalar> PathMut<'_, T> {
     }
 }
 
-/// Place `index` of a list of east and north; the origin where there is none.
+/// Returns place `index` of a list of east and north, or the origin where there is none.
 pub(super) fn place<T: crate::Scalar>(places: &[T], index: usize) -> crate::Position<T> {
     match places.get(2 * index..2 * index + 2) {
         Some(&[east, north]) => crate::Position::new(east, north),

@@ -1,9 +1,9 @@
-//! Changes of the order of service, with the path following at once.
+//! Changes of the order of service, each evaluated with its best path.
 //!
-//! Improving path and assignment in turn stops where each is best for the other. Here both move
-//! together: two slots swap their users, or the user of one slot is moved to another time and
-//! those in between shift. The best chain of places for the new order, within a stencil of 3 x 3
-//! around each waypoint, tells what the change is worth.
+//! Improving path and assignment in turn stops where each is best for the other. Here both change
+//! together: two slots swap their users, or the user of one slot is moved to another time and those
+//! in between shift. The best chain of places for the new order, within a stencil of 3 x 3 around
+//! each waypoint, gives the value of the change.
 
 use super::{
     memory::{PLACES, PathMut},
@@ -14,14 +14,14 @@ use super::{
 use crate::scalar::{Position, Scalar};
 
 const SIDE: usize = 3;
-/// Slots that a change may span.
+/// The largest number of slots that a change may span.
 pub(super) const SPAN: usize = 20;
 
-/// Totals of the chains that end, or begin, at the places of a slot.
+/// The totals of the chains that end, or begin, at the places of a slot.
 pub(super) type Totals<T> = [T; PLACES];
 
-/// Numbers in the table of one slot: rates per user and place, which places of the slot before
-/// join which (0, or minus infinity), totals before and after.
+/// Returns the length of the table of one slot: rates per user and place, which places of the slot
+/// before connect to which (0, or minus infinity), totals before and after.
 pub(super) const fn row_len(users: usize) -> usize {
     users * PLACES + PLACES * PLACES + 2 * PLACES
 }
@@ -40,7 +40,7 @@ pub(super) enum Change {
 impl Change {
     pub(super) const ALL: [Self; 3] = [Self::Swap, Self::Later, Self::Earlier];
 
-    /// Which slot's user is served in slot `index` once slots `a` to `b` are changed.
+    /// Returns the slot whose user is served in slot `index` once slots `a` to `b` are changed.
     fn source(self, a: usize, b: usize, index: usize) -> usize {
         match self {
             Self::Swap if index == a => b,
@@ -53,7 +53,7 @@ impl Change {
         }
     }
 
-    /// Makes the change.
+    /// Applies the change.
     pub(super) fn apply(self, users: &mut [u8], a: usize, b: usize) {
         let Some(between) = users.get_mut(a..=b) else {
             return;
@@ -68,7 +68,7 @@ impl Change {
         }
     }
 
-    /// Whether the change alters anything.
+    /// Returns whether the change alters anything.
     pub(super) fn alters(self, users: &[u8], a: usize, b: usize) -> bool {
         let user = |index: usize| users.get(index);
         match self {
@@ -85,7 +85,7 @@ pub(super) struct Tables<'a, T> {
     pub(super) users: usize,
 }
 
-/// Chains that have not begun: at the first place of the slot before the first.
+/// Returns the totals before the first slot: every chain begins at its first place.
 fn beginning<T: Scalar>() -> Totals<T> {
     let mut totals = [T::of(f64::NEG_INFINITY); PLACES];
     if let Some(first) = totals.first_mut() {
@@ -117,8 +117,8 @@ impl<T: Scalar> Tables<'_, T> {
         self.earned_at() + PLACES
     }
 
-    /// Totals after slot `slot` from those before it, with `user` served. Worst case: 81
-    /// additions and comparisons.
+    /// Returns the totals after slot `slot` from those before it, with `user` served. Worst case:
+    /// 81 additions and comparisons.
     fn onward(&self, slot: usize, user: usize, before: &Totals<T>) -> Totals<T> {
         let mut after = [T::of(f64::NEG_INFINITY); PLACES];
         let joined = self.part(slot, self.joined_at(), PLACES * PLACES);
@@ -135,7 +135,7 @@ impl<T: Scalar> Tables<'_, T> {
         after
     }
 
-    /// Totals before slot `slot`.
+    /// Returns the totals before slot `slot`.
     pub(super) fn before(&self, slot: usize) -> Totals<T> {
         let mut totals = beginning();
         if let Some(previous) = slot.checked_sub(1) {
@@ -188,7 +188,7 @@ impl<T: Scalar> Tables<'_, T> {
             .copy_from_slice_checked(&earned);
     }
 
-    /// Fills what the rest of the mission is worth after slot `slot`, in descending order.
+    /// Fills in the value of the rest of the mission after slot `slot`, in descending order.
     pub(super) fn fill_ahead(&mut self, route: &Route<T>, path: &PathMut<'_, T>, slot: usize) {
         let mut ahead = [T::zero(); PLACES];
         if slot + 1 < route.slots {
@@ -211,7 +211,7 @@ impl<T: Scalar> Tables<'_, T> {
             .copy_from_slice_checked(&ahead);
     }
 
-    /// What the mission is worth with slots `a` to `b` changed: the best chain.
+    /// Returns the value of the mission with slots `a` to `b` changed: the best chain.
     pub(super) fn changed(&self, change: Change, users: &[u8], a: usize, b: usize) -> T {
         let mut totals = self.before(a);
         for slot in a..=b {
@@ -228,8 +228,7 @@ impl<T: Scalar> Tables<'_, T> {
         best
     }
 
-    /// Totals after slot `slot` in the order of service of `path`; overwrites those that were
-    /// there.
+    /// Writes the totals after slot `slot` in the order of service of `path`, replacing older ones.
     pub(super) fn earn(&mut self, path: &PathMut<'_, T>, slot: usize) {
         let earned = self.onward(slot, path.user(slot), &self.before(slot));
         let earned_at = self.earned_at();
@@ -263,7 +262,7 @@ impl<T: Scalar> Tables<'_, T> {
     }
 }
 
-/// A copy that takes as much as there is, so that it cannot fail.
+/// A copy that is limited to the shorter of the two slices, so that it cannot fail.
 trait CopyChecked<T> {
     fn copy_from_slice_checked(&mut self, from: &[T]);
 }

@@ -12,11 +12,12 @@ use crate::{
     units::PowerGain,
 };
 
-/// Intervals of the gain table.
+/// The number of intervals of the gain table.
 const INTERVALS: usize = 256;
-/// Entries of the gain table: one more before and two more after the interpolated range.
+/// The number of entries of the gain table: one more before and two more after the interpolated
+/// range.
 pub(super) const GAIN_ENTRIES: usize = INTERVALS + 4;
-/// Largest relative error of the table, in the middle of an interval, at which it is used.
+/// The largest relative error of the table, in the middle of an interval, at which it is used.
 const TABLE_TOLERANCE: f64 = 2e-5;
 
 /// The scale of the gain table. Entry `i` is for the horizontal distance `d` with
@@ -31,7 +32,8 @@ pub(super) struct GainScale<T> {
 }
 
 impl<T: Scalar> GainScale<T> {
-    /// For all distances within a mission's area. The table has to be [filled](Self::fill).
+    /// Creates the scale for all distances within a mission's area. The table must be
+    /// [filled](Self::fill).
     pub(super) fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let p = mission.parameters();
         let longest_m = p.area.east_m + p.area.north_m;
@@ -65,12 +67,12 @@ impl<T: Scalar> GainScale<T> {
             let exact = amplitude(middle);
             let distance_m = self.distance_m(middle - T::one());
             let error = (self.look_up(table, distance_m) - exact).abs();
-            // False for NaN, too.
+            // This is false for NaN, too.
             self.accurate &= error <= exact * T::of(TABLE_TOLERANCE);
         }
     }
 
-    /// The amplitude gain between a vehicle over `place` and a node on the ground.
+    /// Returns the amplitude gain between a vehicle over `place` and a node on the ground.
     fn amplitude<const M: usize, const J: usize>(
         &self,
         mission: &Mission<T, M, J>,
@@ -86,14 +88,14 @@ impl<T: Scalar> GainScale<T> {
         }
     }
 
-    /// The distance at `x` intervals, not negative; the entries outside the range mirror or
+    /// Returns the distance at `x` intervals, not negative; the entries outside the range mirror or
     /// extend it.
     fn distance_m(&self, x: T) -> T {
         let u = (x / self.intervals).abs().min(T::of(0.999));
         self.knee_m * u / (T::one() - u)
     }
 
-    /// Cubic interpolation in the table.
+    /// Interpolates in the table with a cubic.
     fn look_up(&self, table: &[T], distance_m: T) -> T {
         let x = distance_m / (distance_m + self.knee_m) * self.intervals;
         let index = (x.to_f64() as usize).min(INTERVALS - 1);
@@ -109,7 +111,7 @@ impl<T: Scalar> GainScale<T> {
     }
 }
 
-/// What is needed to evaluate rates at a place.
+/// Everything that is needed to evaluate rates at a place.
 pub(super) struct PlaceRates<'a, T: Scalar, const M: usize, const J: usize> {
     pub(super) mission: &'a Mission<T, M, J>,
     pub(super) limits: &'a SlotLimits<T>,
@@ -119,7 +121,7 @@ pub(super) struct PlaceRates<'a, T: Scalar, const M: usize, const J: usize> {
 }
 
 impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
-    /// The operations that one place costs: an estimate that work is budgeted by.
+    /// Returns the operations that one place costs, an estimate for the budget of work.
     pub(super) fn operations(mission: &Mission<T, M, J>) -> u64 {
         (60 * mission.sensor_count() + 100 * mission.user_count()) as u64
     }
@@ -165,7 +167,7 @@ impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
         });
     }
 
-    /// The rate of one user, bit/s/Hz.
+    /// Returns the rate of one user, bit/s/Hz.
     pub(super) fn of_user(&mut self, place: &Position<T>, user: usize) -> T {
         let mut found = T::zero();
         self.each(place, core::iter::once(user), |_, rate| found = rate);

@@ -1,15 +1,15 @@
 //! Continuous improvement of a path for a fixed order of service.
 //!
-//! Around each waypoint lies a stencil of 5 x 5 candidate places; dynamic programming finds the
-//! best feasible chain through them. The old path is among the candidates, so nothing gets worse.
-//! A path stretched to the speed limit, on which no single waypoint can move, still moves as a
+//! A stencil of 5 x 5 candidate places surrounds each waypoint; dynamic programming finds the best
+//! feasible chain through them. The old path is among the candidates, so the path never gets worse.
+//! A path stretched to the speed limit, on which no single waypoint can move, can still move as a
 //! whole.
 
 use super::{memory::PathMut, place_rates::PlaceRates, route::Route};
 use crate::scalar::{Displacement, Position, Scalar};
 
 const SIDE: usize = 5;
-/// Candidate places of a waypoint.
+/// The number of candidate places of a waypoint.
 pub(super) const PLACES: usize = SIDE * SIDE;
 
 /// The best totals of the chains that end at the places of a slot.
@@ -20,7 +20,7 @@ pub(super) struct Chains<T: Scalar> {
 }
 
 impl<T: Scalar> Chains<T> {
-    /// The chain without a slot, at the vehicle.
+    /// Returns the chain without a slot, at the vehicle.
     pub(super) fn start(route: &Route<T>) -> Self {
         let mut totals = [T::of(f64::NEG_INFINITY); PLACES];
         if let Some(first) = totals.first_mut() {
@@ -100,8 +100,8 @@ impl<T: Scalar> Chains<T> {
     }
 }
 
-/// Candidate `index` of a square stencil with `side` places a side (odd): the centre first, so
-/// that it wins ties, then row by row.
+/// Returns candidate `index` of a square stencil with `side` places a side (odd): the centre first,
+/// so that it wins ties, then row by row.
 pub(super) fn stencil_place<T: Scalar>(
     center: &Position<T>,
     index: usize,

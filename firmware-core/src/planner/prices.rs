@@ -1,23 +1,23 @@
 //! Prices of fairness: one multiplier `lambda_m` per user, added to its rate.
 //!
-//! At the right prices an unconstrained path serves everybody as often as eq:a3 asks. They
+//! At the right prices an unconstrained path serves every user as often as eq:a3 asks. They
 //! minimise the dual value `max over paths sum max_m (R + lambda_m) - sum_m owed_m lambda_m` and
 //! are found by subgradient steps in the manner of Polyak, whose target is a fraction below the
 //! least dual value known, with a deflected direction (Camerini, Fratta and Maffioli, 1975).
 
 use crate::scalar::Scalar;
 
-/// First fraction by which a target lies below the least dual value.
+/// The first fraction by which a target lies below the least dual value.
 const FIRST_AMBITION: f64 = 0.05;
-/// Steps without progress after which the fraction is halved.
+/// The number of steps without progress after which the fraction is halved.
 const PATIENCE: u32 = 3;
 
-/// Prices and how they are being improved.
+/// The prices and the state of their improvement.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prices<T, const M: usize> {
-    /// The prices at hand, bit/s/Hz.
+    /// The present prices, bit/s/Hz.
     pub(super) values: [T; M],
-    /// Those of the least dual value.
+    /// The prices of the least dual value.
     best: [T; M],
     direction: [T; M],
     /// The least dual value; infinite before the first.
@@ -38,7 +38,7 @@ impl<T: Scalar, const M: usize> Prices<T, M> {
         }
     }
 
-    /// Continues from the best prices, for changed circumstances.
+    /// Continues from the best prices, for a changed mission or state.
     pub(super) fn restart(&mut self) {
         let values = self.best;
         *self = Self {
@@ -48,9 +48,9 @@ impl<T: Scalar, const M: usize> Prices<T, M> {
         };
     }
 
-    /// A step from the slots that each user has on the best path at the present prices, and the
-    /// dual value there. `tight`: whether every slot is owed to somebody; then prices may be
-    /// negative.
+    /// Takes a step from the slots that each user has on the best path at the present prices, and
+    /// the dual value there. `tight` states whether every slot is needed for a quota; then prices
+    /// may be negative.
     pub(super) fn step(
         &mut self,
         counts: &[u32; M],
@@ -111,7 +111,7 @@ impl<T: Scalar, const M: usize> Prices<T, M> {
             sum += *value;
         }
         if tight {
-            // A price on everybody changes nothing.
+            // Adding the same price to all users changes nothing.
             let mean = sum / T::count(users.max(1));
             for value in self.values.iter_mut().take(users) {
                 *value -= mean;

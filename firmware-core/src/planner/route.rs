@@ -1,31 +1,32 @@
-//! Which paths are feasible from the present state: speed, area and arrival (eq:traj1, eq:traj2).
+//! The constraints that make a path feasible from the present state: speed, area and arrival
+//! (eq:traj1, eq:traj2).
 
 use super::memory::PathMut;
 use crate::{
-    mission::{Area, Mission},
+    mission::{Area, Mission, rounding_m},
     scalar::{Position, Scalar},
-    shield::{ReachableSet, rounding_m},
+    shield::ReachableSet,
 };
 
 /// The constraints on the rest of a mission.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Route<T: Scalar> {
-    /// Where the vehicle is, or the nearest place in the area.
+    /// The position of the vehicle, or the nearest place in the area.
     pub(super) from: Position<T>,
     pub(super) destination: Position<T>,
     pub(super) area: Area<T>,
-    /// Slots that remain, the coming one included.
+    /// The number of slots that remain, the coming one included.
     pub(super) slots: usize,
     /// The longest step of a plan, metres: the reach less the margin for rounding.
     pub(super) step_m: T,
     /// The longest step that counts as feasible: between `step_m` and the reach.
     longest_m: T,
-    /// How far from the destination a plan may end, metres.
+    /// The largest distance from the destination at which a plan may end, metres.
     pub(super) arrival_m: T,
 }
 
 impl<T: Scalar> Route<T> {
-    /// For `slots` slots from `position`, each at most `reach_m` long.
+    /// Creates the constraints for `slots` slots from `position`, each at most `reach_m` long.
     pub(super) fn new<const M: usize, const J: usize>(
         mission: &Mission<T, M, J>,
         position: Position<T>,
@@ -51,28 +52,28 @@ impl<T: Scalar> Route<T> {
         }
     }
 
-    /// Whether the destination can be reached with the margins kept. Where it cannot, the only
-    /// plan is the straight line.
+    /// Returns whether the destination can be reached with the margins kept. Where it cannot, the
+    /// only plan is the straight line.
     pub(super) fn has_choice(&self) -> bool {
         let limit_m = T::count(self.slots) * self.step_m + self.arrival_m;
         (self.destination - self.from).norm() <= limit_m && self.slots > 0
     }
 
-    /// Whether a vehicle gets from one place to the other in a slot.
+    /// Returns whether a vehicle can fly from one place to the other in a slot.
     pub(super) fn joins(&self, from: &Position<T>, to: &Position<T>) -> bool {
         (to - from).norm_squared() <= self.longest_m * self.longest_m
     }
 
-    /// Whether the destination can be reached after `done` slots that end at `place`.
+    /// Returns whether the destination can be reached after `done` slots that end at `place`.
     pub(super) fn leads_home(&self, place: &Position<T>, done: usize) -> bool {
         let left = self.slots.saturating_sub(done);
         let limit_m = T::count(left) * self.step_m + self.arrival_m;
-        // The same slack as a step has.
+        // The same tolerance as for a step.
         let slack_m = self.longest_m - self.step_m;
         (place - self.destination).norm() <= limit_m + slack_m
     }
 
-    /// Waypoint `index` of the straight line to the destination at constant speed.
+    /// Returns waypoint `index` of the straight line to the destination at constant speed.
     pub(super) fn straight(&self, index: usize) -> Position<T> {
         let way = self.destination - self.from;
         let steps = T::count(index + 1);
@@ -86,7 +87,7 @@ impl<T: Scalar> Route<T> {
         self.inside(&(self.from + way * fraction.min(T::one())))
     }
 
-    /// The nearest place in the area.
+    /// Returns the nearest place in the area.
     pub(super) fn inside(&self, place: &Position<T>) -> Position<T> {
         Position::new(
             place.x.max(T::zero()).min(self.area.east_m),
@@ -115,7 +116,7 @@ impl<T: Scalar> Route<T> {
         moved_m
     }
 
-    /// One step straight to the destination.
+    /// Returns the end of one step straight to the destination.
     fn towards(&self, from: &Position<T>) -> Position<T> {
         let way = self.destination - from;
         let distance_m = way.norm();
@@ -125,7 +126,7 @@ impl<T: Scalar> Route<T> {
         self.inside(&(from + way * (self.step_m / distance_m)))
     }
 
-    /// The box around all places that a mission can still visit: south-west and north-east
+    /// Returns the box around all places that a mission can still visit: south-west and north-east
     /// corner.
     pub(super) fn extent(&self) -> (Position<T>, Position<T>) {
         let half = T::of(0.5);

@@ -1,4 +1,4 @@
-//! The planner's work, cut into small steps, and the order in which they are done.
+//! The planner's work, divided into small steps, and the order of these steps.
 //!
 //! ```text
 //! gain table -> first plan -> node rates -> [ prices -> settle -> polish -> order of service ] x rounds
@@ -6,12 +6,12 @@
 //! ```
 //!
 //! *Prices*: backward over the stages, forward from the vehicle, assignment of users, subgradient
-//! step; the best path of a round goes on. *Settle*: the same dynamic programme for that path's
+//! step; the best path of a round is kept. *Settle*: the same dynamic programme for that path's
 //! order of service instead of prices, in turn with the assignment. *Polish*: stencils around the
 //! waypoints. *Order of service*: exchanges, each with its best path.
 
 use super::{
-    Settings, assignment,
+    PlannerSettings, assignment,
     memory::{Capacity, Parts},
     order::{self, Change, Tables},
     place_rates::{GAIN_ENTRIES, GainScale, PlaceRates},
@@ -26,32 +26,34 @@ use crate::{
     scalar::{Position, Scalar},
 };
 
-/// Stages in successive rounds, as fractions of the capacity: each division finds other paths.
+/// The number of stages in successive rounds, as fractions of the capacity: each division finds
+/// other paths.
 const STAGE_FRACTIONS: [f64; 4] = [1.0, 0.4, 0.7, 0.55];
-/// Spacing of the first stencils of a polish, as a fraction of the longest step.
+/// The spacing of the first stencils of a polish, as a fraction of the longest step.
 const FIRST_SPACING: f64 = 0.5;
-/// Spacing of the stencils in which the order of service is changed.
+/// The spacing of the stencils in which the order of service is changed.
 const ORDER_SPACING: f64 = 0.3;
 const ORDER_SPACING_AT_LAST: f64 = 0.15;
-/// Alternations of the dynamic programme for a given order with the assignment, per round.
+/// The number of alternations of the dynamic programme for a given order with the assignment, per
+/// round.
 const SETTLES: u32 = 4;
-/// Relative gain below which a polish halves its spacing, in the rounds and in the last one.
+/// The relative gain below which a polish halves its spacing, in the rounds and in the last one.
 const WORTHWHILE: f64 = 2e-4;
 const WORTHWHILE_AT_LAST: f64 = 3e-5;
-/// Relative gain of a round below which it counts as fruitless, and how many of those in a row
+/// The relative gain of a round below which it counts as fruitless, and how many of those in a row
 /// end the rounds.
 const FRUITFUL: f64 = 1e-4;
 const FRUITLESS_ROUNDS: u32 = 3;
-/// Relative gain below which a change of order is not made.
+/// The relative gain below which a change of order is not made.
 const WORTH_CHANGING: f64 = 1e-4;
-/// Nodes, or entries of the gain table, in one step.
+/// The number of nodes, or entries of the gain table, in one step.
 const NODES_PER_STEP: usize = 4;
 const ENTRIES_PER_STEP: usize = 8;
 
-/// What a trial plan was made for.
+/// The purpose of a trial plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Trial {
-    /// The plan to begin with.
+    /// The first plan.
     First,
     Priced,
     Settled,
@@ -59,7 +61,7 @@ enum Trial {
     Reordered,
 }
 
-/// What the next step does.
+/// The work of the next step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Gains {
@@ -68,7 +70,7 @@ enum Phase {
     Nodes {
         node: usize,
     },
-    /// Prices the nodes.
+    /// Computes the prices of the nodes.
     Price,
     Backward {
         worth: Worth,
@@ -78,12 +80,12 @@ enum Phase {
         worth: Worth,
         stage: usize,
     },
-    /// Rates along the trial plan.
+    /// Computes the rates along the trial plan.
     Rate {
         slot: usize,
         trial: Trial,
     },
-    /// Assignment and comparison of the trial plan.
+    /// Assigns users to the trial plan and compares it.
     Assign {
         trial: Trial,
     },
@@ -104,22 +106,22 @@ enum Phase {
     Earn {
         slot: usize,
     },
-    /// The best plan of all rounds is improved once more.
+    /// Improves the best plan of all rounds once more.
     Last,
     Done,
 }
 
-/// What the planner knows, and how far it is.
+/// The data of the search, and its progress.
 #[derive(Clone, Debug)]
 pub(super) struct Search<T: Scalar, const M: usize, const J: usize> {
     pub(super) mission: Mission<T, M, J>,
-    pub(super) settings: Settings,
+    pub(super) settings: PlannerSettings,
     pub(super) capacity: Capacity,
     limits: SlotLimits<T>,
     workspace: Workspace<T, J>,
     gains: GainScale<T>,
     pub(super) route: Route<T>,
-    /// Slots that each user has to be given in the rest of the mission.
+    /// The slots that each user must still be served in for its quota.
     pub(super) least: [u32; M],
     pub(super) stages: Stages<T>,
     pub(super) prices: Prices<T, M>,
@@ -128,7 +130,7 @@ pub(super) struct Search<T: Scalar, const M: usize, const J: usize> {
     round: u32,
     iteration: u32,
     settles: u32,
-    /// Rounds in a row that gained little, and the value before the present one.
+    /// The number of rounds in a row that gained little, and the value before the present one.
     fruitless: u32,
     value_before: T,
     /// Whether the rounds are over and the best plan is being improved once more.
@@ -150,7 +152,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
     pub(super) fn new(
         mission: &Mission<T, M, J>,
         capacity: Capacity,
-        settings: Settings,
+        settings: PlannerSettings,
         route: Route<T>,
     ) -> Self {
         Self {
@@ -182,7 +184,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         }
     }
 
-    /// Takes over another mission (positions, thresholds, powers), prices kept.
+    /// Takes over another mission (positions, thresholds, powers) and keeps the prices.
     pub(super) fn replace_mission(&mut self, mission: &Mission<T, M, J>) {
         self.mission = mission.clone();
         self.limits = SlotLimits::of_mission(mission);
@@ -221,7 +223,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         self.mission.user_count()
     }
 
-    /// Whether every slot is owed to somebody.
+    /// Returns whether every slot is needed for a quota.
     fn is_tight(&self) -> bool {
         let owed: u32 = self.least.iter().sum();
         owed as usize >= self.route.slots
@@ -237,7 +239,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         }
     }
 
-    /// The operations that the largest step takes.
+    /// Returns the operations of the largest step.
     pub(super) fn largest_step(&self) -> u64 {
         let rates = PlaceRates::<T, M, J>::operations(&self.mission);
         let (slots, users) = (self.route.slots, self.users());
@@ -255,7 +257,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         .fold(0, u64::max)
     }
 
-    /// One step. Returns the operations that it took, at most
+    /// Carries out one step. Returns the operations that it took, at most
     /// [`largest_step`](Self::largest_step).
     pub(super) fn step(&mut self, parts: &mut Parts<'_, T>) -> u64 {
         let rates = PlaceRates::<T, M, J>::operations(&self.mission);
@@ -372,7 +374,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             })
     }
 
-    /// The longest step, and no more than crosses the places that can be visited.
+    /// Returns the longest step, limited to the extent of the places that can be visited.
     fn stencil_step_m(&self) -> T {
         self.route.step_m.min(self.stages.lattice.across_m())
     }
@@ -398,7 +400,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         };
     }
 
-    /// The largest priced rate of every node.
+    /// Computes the largest priced rate of every node.
     fn price(&mut self, parts: &mut Parts<'_, T>) -> u64 {
         let (nodes, users) = (self.stages.lattice.len(), self.users());
         let Some(worth) = parts.worth.get_mut(..nodes) else {
@@ -465,7 +467,8 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         self.stages.forward_operations()
     }
 
-    /// The rates along the trial plan are known: prices step, and every slot takes its best user.
+    /// Called when the rates along the trial plan are known: takes a step of the prices, and
+    /// assigns every slot to its best user.
     fn begin_assignment(&mut self, trial: Trial, parts: &mut Parts<'_, T>) {
         let (slots, users) = (self.route.slots, self.users());
         let rates = parts.slot_rates.get(..slots * users).unwrap_or(&[]);
@@ -494,7 +497,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         assignment::assign_best(rates, users, assigned);
     }
 
-    /// One more user is given what it is owed; then the trial plan is compared.
+    /// Gives one more user a slot for its quota; then compares the trial plan.
     fn assign(&mut self, trial: Trial, parts: &mut Parts<'_, T>) -> u64 {
         let (slots, users) = (self.route.slots, self.users());
         let rates = parts.slot_rates.get(..slots * users).unwrap_or(&[]);
@@ -521,7 +524,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         operations
     }
 
-    /// What follows a trial plan.
+    /// Returns the phase that follows a trial plan.
     fn after(&mut self, trial: Trial, adopted: bool, gain: T) -> Phase {
         let worthwhile = |fraction: f64| gain > self.current_total * T::of(fraction);
         match trial {
@@ -556,7 +559,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
                 if self.spacing_m >= finest_m {
                     Phase::Polish { slot: 0 }
                 } else if self.settles <= SETTLES {
-                    // Not yet reordered in this round.
+                    // The order has not been changed in this round yet.
                     self.settles = SETTLES + 1;
                     self.iteration = 0;
                     Phase::Fill { slot: 0 }
@@ -612,7 +615,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         let fraction = STAGE_FRACTIONS[self.round as usize % STAGE_FRACTIONS.len()];
         let stages = libm::ceil(self.capacity.stages as f64 * fraction) as usize;
         self.stages.divide(&self.route, stages);
-        // The best path of the next round is polished whether or not it beats this one's yet.
+        // The best path of the next round is polished even if it is not yet better than this one.
         self.current_total = T::zero();
         Phase::Price
     }
@@ -649,7 +652,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         rates * polish::PLACES as u64 + Chains::<T>::OPERATIONS
     }
 
-    /// Tries the changes of slots `a` and `a + 1 + b`; makes the first that is worthwhile.
+    /// Tries the changes of slots `a` and `a + 1 + b`, and makes the first that is worthwhile.
     fn change(&mut self, a: usize, b: usize, unchanged: usize, parts: &mut Parts<'_, T>) -> u64 {
         let slots = self.route.slots;
         let last = a + 1 + b;
@@ -695,7 +698,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         operations
     }
 
-    /// The position from which the plan starts.
+    /// Returns the position from which the plan starts.
     pub(super) fn from(&self) -> Position<T> {
         self.route.from
     }
@@ -705,7 +708,7 @@ fn rating(trial: Trial) -> Phase {
     Phase::Rate { slot: 0, trial }
 }
 
-/// Operations for one slot of a chain.
+/// Returns the operations for one slot of a chain.
 const fn order_operations() -> usize {
     4 * super::memory::PLACES * super::memory::PLACES
 }

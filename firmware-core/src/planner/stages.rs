@@ -1,16 +1,16 @@
 //! The dynamic programme over (stage, node), and the path that follows its values.
 //!
-//! The slots that remain are divided into stages of equal length. During a stage the vehicle
-//! moves in a straight line from one place to another, and earns in each slot a mean of what the
-//! slot is worth at the two ends, weighted by where in the stage the slot ends. Going backward,
+//! The slots that remain are divided into stages of equal length. During a stage the vehicle moves
+//! in a straight line from one place to another, and each slot counts a mean of its values at the
+//! two ends, weighted by where in the stage the slot ends. Going backward,
 //!
 //! ```text
 //! U_s(b) = V_s(b) + sum_n f_n w_n(b)          V_{s-1}(a) = max_b U_s(b) + sum_n (1 - f_n) w_n(a)
 //! ```
 //!
-//! where `f_n` in (0, 1] is the fraction of stage `s` at which its slot `n` ends, and `w_n` is
-//! what the slot is worth: the largest priced rate `max_m (R + lambda_m)`, or the rate of the
-//! user that a given order of service has in the slot.
+//! where `f_n` in (0, 1] is the fraction of stage `s` at which its slot `n` ends, and `w_n` is the
+//! value of the slot: the largest priced rate `max_m (R + lambda_m)`, or the rate of the user that
+//! a given order of service has in the slot.
 
 use heapless::Vec;
 
@@ -21,12 +21,12 @@ use super::{
 };
 use crate::scalar::{Position, Scalar};
 
-/// Directions in which the forward pass looks.
+/// The number of directions of the forward pass.
 const LOOKS: usize = 32;
 /// Step lengths of the forward pass, as fractions of the longest.
 const LOOK_FRACTIONS: [f64; 6] = [1.0, 0.75, 0.5, 0.25, 0.125, 0.0625];
 
-/// What slots are worth.
+/// The value of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Worth {
     /// The largest priced rate.
@@ -35,20 +35,20 @@ pub(super) enum Worth {
     Ordered,
 }
 
-/// The division of a mission's rest into stages, the grid and the moves.
+/// The division of the rest of a mission into stages, the grid and the moves.
 #[derive(Clone, Debug)]
 pub(super) struct Stages<T: Scalar> {
     pub(super) lattice: Lattice<T>,
     moves: Vec<Move<T>, MOVES_MAX>,
-    /// Stages.
+    /// The number of stages.
     pub(super) count: usize,
     slots: usize,
-    /// The longest way in a stage, metres.
+    /// The longest distance in a stage, metres.
     step_m: T,
 }
 
 impl<T: Scalar> Stages<T> {
-    /// For a route, with at most `nodes` nodes and `stages_max` stages.
+    /// Creates the stages for a route, with at most `nodes` nodes and `stages_max` stages.
     pub(super) fn new(route: &Route<T>, nodes: usize, stages_max: usize) -> Self {
         let (low, high) = route.extent();
         let lattice = Lattice::new(low, high, nodes, route.step_m * T::of(0.02));
@@ -63,28 +63,28 @@ impl<T: Scalar> Stages<T> {
         stages
     }
 
-    /// The same grid with another number of stages, at most as many as slots.
+    /// Divides the same grid into another number of stages, at most as many as slots.
     pub(super) fn divide(&mut self, route: &Route<T>, stages_max: usize) {
         self.count = self.slots.min(stages_max).max(1);
         let step_m = route.step_m * (T::count(self.slots) / T::count(self.count));
-        // Points that are that far apart are joined in spite of rounding.
+        // Points at that distance are connected in spite of rounding.
         self.step_m = step_m * (T::one() - T::EPSILON * T::of(8.0));
         self.moves = self.lattice.moves(self.step_m);
     }
 
-    /// The operations of one [`backward`](Self::backward).
+    /// Returns the operations of one [`backward`](Self::backward).
     pub(super) fn backward_operations(&self) -> u64 {
         let per_stage = self.slots.div_ceil(self.count);
         (self.lattice.len() * (3 * self.moves.len() + 2 * per_stage)) as u64
     }
 
-    /// The operations of one [`forward`](Self::forward).
+    /// Returns the operations of one [`forward`](Self::forward).
     pub(super) fn forward_operations(&self) -> u64 {
         (LOOKS * LOOK_FRACTIONS.len() * 40) as u64
     }
 
-    /// The slots (from 0) that end in stage `stage` (from 0), with the fraction of the stage at
-    /// which each ends.
+    /// Returns the slots (from 0) that end in stage `stage` (from 0), with the fraction of the
+    /// stage at which each ends.
     fn slots_of(&self, stage: usize) -> impl Iterator<Item = (usize, T)> + use<T> {
         let (slots, count) = (self.slots, self.count);
         let first = stage * slots / count;
@@ -95,8 +95,8 @@ impl<T: Scalar> Stages<T> {
         })
     }
 
-    /// Writes the values after the last stage: nothing where the mission has arrived, less than
-    /// nothing by distance elsewhere.
+    /// Writes the values after the last stage: zero where the mission has arrived, negative
+    /// elsewhere, in proportion to the distance.
     pub(super) fn finish(&self, route: &Route<T>, loss_per_m: T, value: &mut [T]) {
         for (index, value) in value.iter_mut().enumerate().take(self.lattice.len()) {
             let distance_m = (self.lattice.node(index) - route.destination).norm();
@@ -104,8 +104,8 @@ impl<T: Scalar> Stages<T> {
         }
     }
 
-    /// One stage backward: from the values after it to those before it. Keeps `U_s` as the layer
-    /// of the stage. Worst case: `nodes (moves + slots per stage)` weighted sums.
+    /// Computes one stage backward: from the values after it to those before it. Keeps `U_s` as the
+    /// layer of the stage. Worst case: `nodes (moves + slots per stage)` weighted sums.
     pub(super) fn backward(&self, worth: Worth, stage: usize, parts: &mut Parts<'_, T>) {
         let nodes = self.lattice.len();
         let Some(value) = parts.value.get_mut(..nodes) else {
@@ -138,7 +138,7 @@ impl<T: Scalar> Stages<T> {
         earned(value, |fraction| T::one() - fraction);
     }
 
-    /// One stage forward: writes point `stage + 1` of the path that follows the layers.
+    /// Computes one stage forward: writes point `stage + 1` of the path that follows the layers.
     pub(super) fn forward(&self, route: &Route<T>, stage: usize, parts: &mut Parts<'_, T>) {
         let nodes = self.lattice.len();
         if stage == 0 {
@@ -182,7 +182,7 @@ impl<T: Scalar> Stages<T> {
         set_place(parts.points, stage + 1, route.inside(&best.0));
     }
 
-    /// The waypoint of slot `slot` (from 0) on the path through the points.
+    /// Returns the waypoint of slot `slot` (from 0) on the path through the points.
     pub(super) fn waypoint(&self, points: &[T], slot: usize) -> Position<T> {
         let ended = (slot + 1) * self.count;
         let (stage, beyond) = (ended / self.slots, ended % self.slots);
@@ -194,8 +194,8 @@ impl<T: Scalar> Stages<T> {
         from + (to - from) * (T::count(beyond) / T::count(self.slots))
     }
 
-    /// The value of the whole rest of the mission from `position`, once all stages have gone
-    /// backward.
+    /// Returns the value of the whole rest of the mission from `position`, once all stages have
+    /// been computed backward.
     pub(super) fn value(&self, parts: &Parts<'_, T>, position: &Position<T>) -> T {
         self.lattice.value(parts.value, position)
     }

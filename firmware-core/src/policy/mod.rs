@@ -1,77 +1,20 @@
-//! Who decides where to fly and whom to serve.
+//! Policies decide where to fly and which user to serve.
 //!
-//! A [`Policy`] sees an [`Observation`] (the paper's state `s_n`, M + 4 numbers) and answers
-//! with an [`Action`]: a displacement and a score per user. It may be wrong in any way: the
+//! A [`Policy`] receives an [`Observation`] (the paper's state `s_n`, M + 4 numbers) and returns an
+//! [`Action`]: a displacement and a score per user. A policy may return anything: the
 //! [shield](crate::shield) makes every action admissible.
 //!
-//! Here are the two rule-based policies of the paper's comparisons, and trained ones: [`mlp`] runs
-//! anywhere, from a `.policy` file; `onnx` (a feature, needs std) runs `.onnx` files.
+//! This module has the two rule-based policies of the paper's comparisons, and trained ones:
+//! [`mlp`] runs on every platform, from a `.policy` file; `onnx` (a feature, needs std) runs
+//! `.onnx` files.
 
+mod interface;
 pub mod mlp;
 #[cfg(feature = "onnx")]
 pub mod onnx;
 mod provenance;
 mod rules;
 
-use heapless::Vec;
-use serde::{Deserialize, Serialize};
-
-use crate::scalar::{Displacement, Position, Scalar};
-
-pub use provenance::{Misfit, Provenance};
+pub use interface::{Action, Observation, Policy};
+pub use provenance::{PolicyMismatch, Provenance};
 pub use rules::{FixedPosition, StraightLine};
-
-/// What is known when slot `n` is planned: the state after slot `n - 1`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Observation<'a, T: Scalar> {
-    /// `n`, the slot to plan, 1 to `N`. Implied by the counts where every slot serves a user.
-    pub slot: u32,
-    /// Slots that each user has been served so far.
-    pub counts: &'a [u32],
-    /// `R_{n-1}`, bit/s/Hz; 0 before the first slot.
-    pub rate: T,
-    /// `MSE_{n-1}`; 0 before the first slot.
-    pub mse: T,
-    /// `q_{n-1}`, where the vehicle is, metres.
-    pub position: Position<T>,
-}
-
-impl<T: Scalar> Observation<'_, T> {
-    /// Length of the paper's state for a number of users: `[counts; R; MSE; x, y]`.
-    pub const fn state_len(users: usize) -> usize {
-        users + 4
-    }
-
-    /// Writes the paper's state in raw units: counts, bit/s/Hz, MSE, metres. Writes as much as
-    /// fits and returns how many numbers the state has.
-    pub fn write_state(&self, state: &mut [T]) -> usize {
-        let counts = self.counts.iter().map(|&count| T::count(count as usize));
-        let rest = [self.rate, self.mse, self.position.x, self.position.y];
-        for (slot, value) in state.iter_mut().zip(counts.chain(rest)) {
-            *slot = value;
-        }
-        Self::state_len(self.counts.len())
-    }
-}
-
-/// What a policy wishes, before the shield.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(bound = "T: Scalar")]
-pub struct Action<T: Scalar, const M: usize> {
-    /// Where to go from here, metres.
-    pub displacement: Displacement<T>,
-    /// A score per user; the admissible user with the highest is served.
-    pub user_scores: Vec<T, M>,
-}
-
-/// A way to decide.
-pub trait Policy<T: Scalar, const M: usize> {
-    /// The action for the slot that the observation names.
-    fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M>;
-}
-
-impl<T: Scalar, const M: usize, P: Policy<T, M> + ?Sized> Policy<T, M> for &mut P {
-    fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
-        (**self).decide(observation)
-    }
-}

@@ -1,9 +1,9 @@
 //! Trained policies as ONNX files, run by tract (feature `onnx`, needs std).
 //!
 //! The contract (`docs/training.md`): input `observation` f32\[1, M + 4\] in raw units, outputs
-//! `displacement` f32\[1, 2\] in metres and `user_scores` f32\[1, M\], normaliser and scaling in
+//! `displacement` f32\[1, 2\] in metres and `user_scores` f32\[1, M\], normalizer and scaling in
 //! the graph; `metadata_props` with what it was trained for and a test vector. [`OnnxPolicy`]
-//! checks all of it when it loads, whoever wrote the file.
+//! checks all of it when it loads, also for files from other programs.
 //!
 //! In flight the input is written in place; an output that is not finite goes on to the shield,
 //! which replaces and reports it, and a displacement is cut at `V_max delta` per axis.
@@ -26,49 +26,49 @@ use crate::scalar::{Displacement, Scalar};
 /// The version of the contract that this crate reads.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// A file that is not a sound policy.
+/// Error returned when a file is not a valid policy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum OnnxError {
-    /// tract cannot read or run it.
+    /// tract cannot read or run the network.
     #[error("not a network that can be run: {reason}")]
     Network {
-        /// tract's words, in one line.
+        /// tract's message, in one line.
         reason: String,
     },
     /// A metadata entry is missing.
     #[error("metadata_props has no {key}")]
     Missing {
-        /// Which.
+        /// The key of the entry.
         key: &'static str,
     },
-    /// A metadata entry is not what it should be.
+    /// A metadata entry has an invalid value.
     #[error("metadata_props {key} is {value:?}, but must be {expected}")]
     Metadata {
-        /// Which.
+        /// The key of the entry.
         key: &'static str,
-        /// Its value.
+        /// The invalid value.
         value: String,
-        /// What would be right.
+        /// The valid values.
         expected: String,
     },
     /// An input or output has another name or shape.
     #[error("{what} is {got}, but must be {expected}")]
     Signature {
-        /// Which.
+        /// The name of the input or output.
         what: &'static str,
         /// What the file has.
         got: String,
-        /// What would be right.
+        /// The required signature.
         expected: String,
     },
-    /// The test vector does not come out.
+    /// The network does not reproduce its test vector.
     #[error("self-test: output {index} is {got}, but the file expects {expected}")]
     SelfTest {
-        /// Which: 0 and 1 the displacement, then the scores.
+        /// The index of the output: 0 and 1 the displacement, then the scores.
         index: usize,
-        /// What came out.
+        /// The computed value.
         got: f32,
-        /// What should.
+        /// The expected value.
         expected: f32,
     },
 }
@@ -82,20 +82,20 @@ impl OnnxError {
     }
 }
 
-/// A loaded, optimised, checked network.
+/// A network that was loaded, optimised and checked.
 #[derive(Debug)]
 pub struct OnnxPolicy {
     state: TypedSimpleState,
-    /// Written in place: the state gives it back after every run.
+    /// Written in place: the state returns it after every run.
     input: Arc<Tensor>,
     provenance: Provenance,
 }
 
 impl OnnxPolicy {
-    /// Loads from a file's bytes.
+    /// Loads a policy from a file's bytes.
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// Returns what is wrong with the file.
     pub fn load(file: &[u8]) -> Result<Self, OnnxError> {
         let mut reader = file;
         let model = tract_onnx::onnx()
@@ -145,15 +145,15 @@ impl OnnxPolicy {
         Ok(policy)
     }
 
-    /// What it was trained for and by what.
+    /// Returns the origin of the policy.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
     }
 
-    /// Displacement (metres) and scores for a raw observation; what is missing counts as 0.
+    /// Returns displacement (metres) and scores for a raw observation; missing numbers count as 0.
     ///
     /// # Errors
-    /// tract's, in words; none is known for a network that loaded.
+    /// Returns tract's error; none is known for a network that was loaded.
     pub fn evaluate(&mut self, observation: &[f32]) -> Result<StdVec<f32>, OnnxError> {
         let outputs = self
             .run(observation.iter().copied())
@@ -180,7 +180,7 @@ impl OnnxPolicy {
             .run(tvec!(TValue::from_const(Arc::clone(&self.input))))
     }
 
-    /// `V_max delta`, metres.
+    /// Returns `V_max delta`, metres.
     fn reach_m(&self) -> f32 {
         self.provenance.max_speed_mps * self.provenance.slot_duration_s
     }
@@ -220,7 +220,7 @@ impl<T: Scalar, const M: usize> Policy<T, M> for OnnxPolicy {
         let reach = self.reach_m();
         let outputs = self.run(state[..len].iter().map(|x| x.to_f64() as f32));
         let mut action = Action {
-            // Unless it is overwritten below, the shield sees a broken output.
+            // Unless it is overwritten below, the shield receives an invalid output.
             displacement: Displacement::repeat(T::of(f64::NAN)),
             user_scores: Vec::new(),
         };
@@ -242,7 +242,7 @@ impl<T: Scalar, const M: usize> Policy<T, M> for OnnxPolicy {
     }
 }
 
-/// Names of input and outputs, in order.
+/// Checks the names of input and outputs, in order.
 fn check_names(model: &InferenceModel) -> Result<(), OnnxError> {
     let names = |outlets: &[OutletId]| -> String {
         let name = |outlet: &OutletId| match model.outlet_label(*outlet) {
@@ -268,7 +268,7 @@ fn check_names(model: &InferenceModel) -> Result<(), OnnxError> {
     check("the list of outputs", outputs, "displacement, user_scores")
 }
 
-/// `metadata_props`.
+/// The entries of `metadata_props`.
 struct Metadata(HashMap<String, String>);
 
 impl Metadata {

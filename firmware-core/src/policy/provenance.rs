@@ -1,14 +1,14 @@
-//! What a trained policy carries besides its weights: what it was trained for and by what.
+//! The origin of a trained policy: the mission that it was trained for, and the training run.
 
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
 use crate::{mission::Mission, scalar::Scalar};
 
-/// Travels in every policy file, `.onnx` (as metadata) and `.policy`.
+/// Part of every policy file, `.onnx` (as metadata) and `.policy`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// `M`.
+    /// `M`, the number of users.
     pub users: u32,
     /// `V_max`, m/s.
     pub max_speed_mps: f32,
@@ -16,7 +16,7 @@ pub struct Provenance {
     pub slot_duration_s: f32,
     /// Extent of `Lambda` to the east and north, m.
     pub area_m: [f32; 2],
-    /// Which algorithm trained it.
+    /// The training algorithm.
     pub algorithm: String<16>,
     /// The training scenario's name.
     pub scenario: String<64>,
@@ -28,28 +28,29 @@ pub struct Provenance {
     pub seed: u64,
 }
 
-/// A policy that is not for this mission.
+/// Error returned when a policy is not for the mission.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("the policy is for {what} = {policy}, but the mission has {mission}")]
-pub struct Misfit {
-    /// What differs.
+pub struct PolicyMismatch {
+    /// The name of the value that differs.
     pub what: &'static str,
     /// The policy's value.
     pub policy: f64,
-    /// The mission's.
+    /// The mission's value.
     pub mission: f64,
 }
 
 impl Provenance {
-    /// Whether the policy can fly a mission: same users, speed, slot and area. Channels, powers,
-    /// threshold and places may differ; how well it then does is another matter.
+    /// Checks whether the policy can fly a mission with the same users, speed, slot and area.
+    /// Channels, powers, threshold and positions may differ, which can reduce the policy's
+    /// performance.
     ///
     /// # Errors
-    /// The first thing that differs, with both values.
+    /// Returns the first value that differs, with the policy's and the mission's value.
     pub fn check<T: Scalar, const M: usize, const J: usize>(
         &self,
         mission: &Mission<T, M, J>,
-    ) -> Result<(), Misfit> {
+    ) -> Result<(), PolicyMismatch> {
         let p = mission.parameters();
         let pairs = [
             ("users", f64::from(self.users), p.users.len() as f64),
@@ -67,10 +68,10 @@ impl Provenance {
             ("area_m[1]", self.area_m[1].into(), p.area.north_m.to_f64()),
         ];
         for (what, policy, mission) in pairs {
-            // The policy holds single precision. A NaN is a misfit, too.
+            // The policy holds single precision. A NaN is a mismatch, too.
             let same = libm::fabs(policy - mission) <= 1e-6 * libm::fabs(mission);
             if !same {
-                return Err(Misfit {
+                return Err(PolicyMismatch {
                     what,
                     policy,
                     mission,

@@ -8,8 +8,8 @@ use crate::{
     scalar::{Position, Scalar},
 };
 
-/// Straight to the destination at constant speed, serving the nearest user ("straight-line
-/// trajectory and nearest user access"). What the rule knows of the mission.
+/// Flies straight to the destination at constant speed and serves the nearest user ("straight-line
+/// trajectory and nearest user access"). Holds what the rule needs to know of the mission.
 #[derive(Clone, Debug)]
 pub struct StraightLine<T: Scalar, const M: usize> {
     slots: u32,
@@ -18,7 +18,7 @@ pub struct StraightLine<T: Scalar, const M: usize> {
 }
 
 impl<T: Scalar, const M: usize> StraightLine<T, M> {
-    /// For this mission.
+    /// Creates the policy for a mission.
     pub fn new<const J: usize>(mission: &Mission<T, M, J>) -> Self {
         Self {
             slots: mission.slots(),
@@ -40,8 +40,8 @@ impl<T: Scalar, const M: usize> Policy<T, M> for StraightLine<T, M> {
     }
 }
 
-/// Hover over one place, serving the nearest user ("fixed UAV position"). The shield takes the
-/// vehicle there from the start as fast as it may, and away in time for the destination.
+/// Hovers over one place and serves the nearest user ("fixed UAV position"). The shield flies the
+/// vehicle there from the start as fast as allowed, and away in time for the destination.
 #[derive(Clone, Debug)]
 pub struct FixedPosition<T: Scalar, const M: usize> {
     place: Position<T>,
@@ -49,7 +49,7 @@ pub struct FixedPosition<T: Scalar, const M: usize> {
 }
 
 impl<T: Scalar, const M: usize> FixedPosition<T, M> {
-    /// Over `place`, metres.
+    /// Creates the policy for hovering over `place`, metres.
     pub fn new<const J: usize>(mission: &Mission<T, M, J>, place: Position<T>) -> Self {
         Self {
             place,
@@ -57,7 +57,8 @@ impl<T: Scalar, const M: usize> FixedPosition<T, M> {
         }
     }
 
-    /// Over the centroid of all users and sensors: our choice, the paper names no place.
+    /// Creates the policy for hovering over the centroid of all users and sensors. This is our
+    /// choice; the paper names no place.
     pub fn central<const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let p = mission.parameters();
         let nodes = T::count(p.users.len() + p.sensors.len());
@@ -79,7 +80,7 @@ impl<T: Scalar, const M: usize> Policy<T, M> for FixedPosition<T, M> {
     }
 }
 
-/// A score per user that is highest for the nearest.
+/// Returns a score per user that is highest for the nearest user.
 fn nearness<T: Scalar, const M: usize>(
     users: &Vec<Position<T>, M>,
     vehicle: &Position<T>,

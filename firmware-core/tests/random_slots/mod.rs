@@ -57,7 +57,7 @@ impl Problem {
             _ => log_uniform(random, 1e-12, 1e-9),
         };
         // J Gamma, close to both of its ends too.
-        let share = match random.random_range(0..4) {
+        let fraction = match random.random_range(0..4) {
             0 => log_uniform(random, 1e-3, 1.0),
             1 => 1.0 - log_uniform(random, 1e-3, 1.0),
             _ => random.random_range(0.2..0.95),
@@ -67,7 +67,7 @@ impl Problem {
                 sensor_power_max: Watt(log_uniform(random, 1e-4, 1e1)),
                 user_power_max: Watt(log_uniform(random, 1e-5, 1e1)),
                 noise_power: Watt(log_uniform(random, 1e-15, 1e-11)),
-                mse_threshold: share.clamp(1e-3, 0.999) / sensors as f64,
+                mse_threshold: fraction.clamp(1e-3, 0.999) / sensors as f64,
             },
             sensor_gains,
             user_gain: PowerGain(user_gain),

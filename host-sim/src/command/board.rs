@@ -4,7 +4,7 @@ use std::{path::Path, str::FromStr, sync::Arc};
 
 use clap::{Args, ValueEnum};
 use files::input;
-use firmware_core::console::{Decider, Footprint};
+use firmware_core::console::{Footprint, PolicyKind};
 use host_sim::{
     flight::board::{Image, Twin, order},
     policy::PolicyChoice,
@@ -79,14 +79,14 @@ impl BoardChoice {
         scenario: &Scenario,
         (policy, profile): (&PolicyChoice, Profile),
     ) -> Result<OpenBoard, Failure> {
-        let ordered = |decider| order(scenario, profile, decider);
+        let ordered = |policy_kind| order(scenario, profile, policy_kind);
         match (&self.controller, policy) {
             (ControllerChoice::Tcp(to), PolicyChoice::Shipped | PolicyChoice::StraightLine) => {
-                let decider = match policy {
-                    PolicyChoice::Shipped => Decider::Trained,
-                    _ => Decider::StraightLine,
+                let policy_kind = match policy {
+                    PolicyChoice::Shipped => PolicyKind::Trained,
+                    _ => PolicyKind::StraightLine,
                 };
-                let image = Image::connect(to, &ordered(decider)).map_err(Failure::failed)?;
+                let image = Image::connect(to, &ordered(policy_kind)).map_err(Failure::failed)?;
                 Ok(OpenBoard::Image(Box::new(image)))
             }
             (ControllerChoice::Tcp(_), other) => Err(Failure::bad_input(format!(
@@ -94,12 +94,12 @@ impl BoardChoice {
                  straight-line"
             ))),
             (ControllerChoice::InProcess, PolicyChoice::StraightLine) => {
-                twin(&ordered(Decider::StraightLine), None)
+                twin(&ordered(PolicyKind::StraightLine), None)
             }
             (ControllerChoice::InProcess, PolicyChoice::File(path)) if is_policy(path) => {
                 let named = |error| Failure::bad_input(format!("{}: {error}", path.display()));
                 twin(
-                    &ordered(Decider::Trained),
+                    &ordered(PolicyKind::Trained),
                     Some(input::read(path).map_err(named)?.into()),
                 )
             }
@@ -116,7 +116,7 @@ fn is_policy(path: &Path) -> bool {
 }
 
 fn twin(
-    order: &firmware_core::console::Order,
+    order: &firmware_core::console::MissionOrder,
     policy: Option<Arc<[u8]>>,
 ) -> Result<OpenBoard, Failure> {
     let twin = Twin::new(order, policy).map_err(Failure::bad_input)?;

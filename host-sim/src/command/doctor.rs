@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
-use firmware_core::autopilot::{Autopilot, Event, OwnAddress, Settings};
+use firmware_core::autopilot::{Autopilot, AutopilotSettings, Event, OwnAddress};
 use firmware_core::time::Duration;
 use host_sim::{
     doctor,
@@ -137,7 +137,7 @@ impl AutopilotArguments {
         set_parameters: bool,
     ) -> Result<(Session, Autopilot<f64>), Failure> {
         // Until the heartbeat says which vehicle it is, the slowest airframe's limits hold.
-        let settings = Settings {
+        let settings = AutopilotSettings {
             own: self.own.address(),
             set_parameters,
             airframe_speed_mps: self.airframe_speed,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use environment::Allocation;
 use files::input;
-use firmware_core::console::Decider;
+use firmware_core::console::PolicyKind;
 use host_sim::flight::{
     self, FlightSettings, Pace, Peer,
     board::{Campaign, Image, SLOTS_EACH, Twin, fly, order},
@@ -56,7 +56,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
         seed: arguments.seed,
         symbols_per_slot: 1,
     };
-    let mut order = order(&scenario, settings.profile, Decider::Trained);
+    let mut order = order(&scenario, settings.profile, PolicyKind::Trained);
     // Schedules are silent for longer than a mission may be.
     order.ground_patience = None;
     let twin = Twin::new(&order, Some(policy.into())).map_err(Failure::bad_input)?;

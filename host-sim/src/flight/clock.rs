@@ -67,7 +67,7 @@ impl Clock {
         if peer.is_built_in() {
             let next = self.now + TICK;
             if self.pace != Pace::Max {
-                let ahead = next.since(self.wall()).as_secs_f64() / self.pace.factor();
+                let ahead = next.duration_since(self.wall()).as_secs_f64() / self.pace.factor();
                 let ahead = WallDuration::from_secs_f64(ahead);
                 sleep(ahead.min(NAP));
                 if ahead > NAP {

@@ -31,7 +31,7 @@ use firmware_core::{
     },
     controller::Controller,
     link::FRAME_MAX,
-    onboard::{Activity, Onboard, Probe, Settings, Stage},
+    onboard::{Activity, Onboard, OnboardSettings, Probe, Stage},
     policy::Policy,
     time::{Duration, Instant},
 };
@@ -250,7 +250,10 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
 }
 
 /// The client's settings for a mission.
-pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::Settings<f64> {
+pub fn autopilot_settings(
+    scenario: &Scenario,
+    profile: Profile,
+) -> autopilot::AutopilotSettings<f64> {
     let p = scenario.mission.parameters();
     let mut limits = profile.client_limits();
     if profile != Profile::Ideal {
@@ -264,7 +267,7 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
         ceiling_m: p.altitude_m + FENCE_MARGIN_M,
     };
     let slot = Duration::from_secs_f64(p.slot_duration_s);
-    autopilot::Settings {
+    autopilot::AutopilotSettings {
         limits,
         geofence: Some(fence),
         preflight: Preflight::of(p),
@@ -272,7 +275,7 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> autopilot::S
             ground: Some((slot * GROUND_SLOTS).max(GROUND_PATIENCE)),
             ..Watch::default()
         },
-        ..autopilot::Settings::new(
+        ..autopilot::AutopilotSettings::new(
             scenario.map_origin(),
             p.start,
             p.altitude_m,
@@ -330,13 +333,13 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
     ) -> Result<Self, FlightError> {
         let method = settings.inner.method(&scenario.mission);
         let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
-        let autopilot = Autopilot::new(autopilot::Settings {
+        let autopilot = Autopilot::new(autopilot::AutopilotSettings {
             set_parameters: peer.sets_parameters(),
             airframe_speed_mps: peer.airframe_speed_mps(),
             own: peer.own(),
             ..autopilot_settings(scenario, settings.profile)
         })?;
-        let mut onboard = Onboard::new(Settings::default(), controller, autopilot);
+        let mut onboard = Onboard::new(OnboardSettings::default(), controller, autopilot);
         if let Some(key) = peer.key() {
             let unix_us = peer.unix_us(Instant::ZERO);
             let signer = Signer::new(key.clone(), SIGNING_LINK, unix_us);
@@ -385,7 +388,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             if self.onboard.autopilot().phase().is_final() && self.is_tidy(now, peer, observer) {
                 return self.verdict(now, peer);
             }
-            let waited = now.since(Instant::ZERO);
+            let waited = now.duration_since(Instant::ZERO);
             if self.onboard.autopilot().phase() == Phase::Connecting && waited > CONNECT_PATIENCE {
                 return Err(FlightError::NobodyThere(Silence {
                     waited_s: waited.as_secs_f64(),
@@ -461,7 +464,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             client.fault(),
             Some(Cause::ControlTaken(_) | Cause::Disarmed)
         );
-        if taken && now.since(ended) < reason::AFTER && !self.stop_asked {
+        if taken && now.duration_since(ended) < reason::AFTER && !self.stop_asked {
             return false;
         }
         if client.is_restored() {
@@ -469,7 +472,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         }
         let given_up = if peer.is_built_in() {
             // It ends with us, and its parameters with it.
-            now.since(ended) > RESTORE_PATIENCE
+            now.duration_since(ended) > RESTORE_PATIENCE
         } else if client.is_link_dead(now) {
             true
         } else if client.is_armed() {
@@ -486,7 +489,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             self.stop_asked
         } else {
             let disarmed = *self.disarmed.get_or_insert(now);
-            now.since(disarmed) > RESTORE_PATIENCE
+            now.duration_since(disarmed) > RESTORE_PATIENCE
         };
         if given_up {
             self.onboard.autopilot_mut().abandon_parameters();
@@ -603,7 +606,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         let measured = measured.map(|sample| (sample.position, Some(sample.altitude_m)));
         if let Some((position, altitude_m)) = place.or(measured) {
             self.path.push(PathSample {
-                time_s: now.since(started).as_secs_f64(),
+                time_s: now.duration_since(started).as_secs_f64(),
                 position,
                 altitude_m: altitude_m.unwrap_or_default(),
             });
@@ -625,7 +628,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             }
             self.reasons.note(now, &event);
             let event = FlightEvent {
-                time_s: now.since(Instant::ZERO).as_secs_f64(),
+                time_s: now.duration_since(Instant::ZERO).as_secs_f64(),
                 text: event.to_string(),
                 notable: reason::is_notable(&event),
             };

@@ -227,7 +227,7 @@ impl Peer {
     /// The date, microseconds since 1970: the wall's, or that of the simulation.
     pub(super) fn unix_us(&self, now: Instant) -> u64 {
         match self.vessel {
-            Vessel::BuiltIn(_) => SIMULATED_EPOCH_US + now.micros(),
+            Vessel::BuiltIn(_) => SIMULATED_EPOCH_US + now.as_micros(),
             Vessel::Elsewhere { .. } => wall_clock_us(),
         }
     }

@@ -71,7 +71,7 @@ impl Reasons {
                 }
                 let taken = |(since, cause): &(Instant, Cause)| {
                     matches!(cause, Cause::ControlTaken(_) | Cause::Disarmed)
-                        && now.since(*since) <= AFTER
+                        && now.duration_since(*since) <= AFTER
                 };
                 if self.said.is_none() && self.fault.as_ref().is_some_and(taken) {
                     self.said = Some(text.to_string());
@@ -99,7 +99,7 @@ impl Reasons {
                 ..
             } => {
                 self.link_lost |= self.fault.is_some_and(|(since, cause)| {
-                    cause == Cause::PositionLost && now.since(since) < BOTH
+                    cause == Cause::PositionLost && now.duration_since(since) < BOTH
                 });
             }
             _ => {}
@@ -138,7 +138,7 @@ impl Reasons {
 /// What was noted at most `window` before `now`.
 fn lately(noted: &Option<(Instant, String)>, now: Instant, window: Duration) -> Option<String> {
     let (at, words) = noted.as_ref()?;
-    (now.since(*at) <= window).then(|| words.clone())
+    (now.duration_since(*at) <= window).then(|| words.clone())
 }
 
 /// Of the fault of the onboard computer and that of its client the true one: a leg that was

@@ -62,7 +62,7 @@ fn row(record: &FlightRecord, slot: &SlotRecord) -> Row {
         planned_north_m: slot.planned.y,
         flown_east_m: slot.flown.x,
         flown_north_m: slot.flown.y,
-        vehicle_time_s: slot.tick.time.since(Instant::ZERO).as_secs_f64(),
+        vehicle_time_s: slot.tick.time.duration_since(Instant::ZERO).as_secs_f64(),
         extrapolated: slot.tick.extrapolated,
         served_user: slot.served_user,
         user_power_w: slot.user_power_w,

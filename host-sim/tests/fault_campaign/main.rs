@@ -17,7 +17,7 @@ use firmware_core::{
     inner::{SlotLimits, Workspace},
     link::{Decoder, FRAME_MAX, Message, VehicleStatus},
     mission::MEASUREMENT_M,
-    onboard::{Onboard, Settings, Stage},
+    onboard::{Onboard, OnboardSettings, Stage},
     time::{Duration, Instant},
 };
 use ground::{Ground, HostCommand, HostMessage, HostMission, HostState, Wanderer, mission};
@@ -31,7 +31,7 @@ const SCHEDULES: u32 = 100;
 const SLOTS_EACH: u32 = 6;
 const TICK: Duration = Duration::from_millis(10);
 /// Short, so that silence does not cost much simulated time.
-const SETTINGS: Settings = Settings {
+const SETTINGS: OnboardSettings = OnboardSettings {
     channel_patience: Duration::from_millis(60),
     arrival_interval: Duration::from_millis(20),
 };
@@ -82,9 +82,9 @@ impl Campaign {
         let p = mission.parameters();
         let origin = Geodetic::from_degrees(47.3977, 8.5456).expect("on Earth");
         let controller = Controller::new(mission.clone(), Wanderer(random.clone()));
-        let client = Autopilot::new(autopilot::Settings {
+        let client = Autopilot::new(autopilot::AutopilotSettings {
             limits: Profile::Ideal.client_limits(),
-            ..autopilot::Settings::new(origin, p.start, p.altitude_m, p.max_speed_mps)
+            ..autopilot::AutopilotSettings::new(origin, p.start, p.altitude_m, p.max_speed_mps)
         });
         let client = client.unwrap_or_else(|error| panic!("{error}"));
         Self {
@@ -272,34 +272,10 @@ impl Campaign {
         };
         let p = self.mission.parameters();
         assert_eq!(command.slot, slot, "{}", context());
-
-        // Every number is one, and every limit is kept.
-        let numbers = [
-            command.user_power.0,
-            command.normalizing_factor,
-            command.rate,
-            command.mse,
-        ];
+        if let Err(error) = command.check(&self.mission) {
+            panic!("{error}: {}", context());
+        }
         let coefficients = &command.sensor_coefficients;
-        let finite = numbers
-            .iter()
-            .chain(coefficients)
-            .all(|x| x.is_finite() && *x >= 0.0);
-        assert!(finite, "{}", context());
-        assert!(command.user_power <= p.user_power_max, "{}", context());
-        assert!(
-            coefficients.iter().all(|b| b * b <= p.sensor_power_max.0),
-            "{}",
-            context()
-        );
-        assert_eq!(coefficients.len(), self.mission.sensor_count());
-        assert!(
-            command
-                .served_user
-                .is_none_or(|user| user < self.mission.user_count())
-        );
-        let silent = command.user_power.0 == 0.0;
-        assert!(silent || (command.status.is_feasible() && command.served_user.is_some()));
 
         // Where it came from is what arrived.
         let fresh = command.source == ChannelSource::Measured;

@@ -5,7 +5,7 @@
 use firmware_core::Position;
 use firmware_core::autopilot::frames::Geodetic;
 use firmware_core::autopilot::wire::{Decoder, Encoder, MAX_FRAME};
-use firmware_core::autopilot::{Autopilot, Leg, LegEnd, Phase, Settings};
+use firmware_core::autopilot::{Autopilot, AutopilotSettings, Leg, LegEnd, Phase};
 use firmware_core::time::{Duration, Instant};
 use link::lossy::{Channel, Faults};
 use mavlink::dialects::common::MavMessage;
@@ -46,7 +46,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    pub fn new(settings: Settings<f64>, vehicle: VehicleSettings) -> Self {
+    pub fn new(settings: AutopilotSettings<f64>, vehicle: VehicleSettings) -> Self {
         Self {
             now: Instant::ZERO,
             encoder: Encoder::new(settings.own.resolve(None)),
@@ -99,7 +99,7 @@ impl Flight {
                 while self.decoder.end_of_datagram().is_some() {}
             }
             while let Some(event) = self.client.take_next_event() {
-                let seconds = self.now.micros() as f64 * 1e-6;
+                let seconds = self.now.as_micros() as f64 * 1e-6;
                 self.log.push(format!("{seconds:9.3} {event}"));
             }
             if quiet {
@@ -144,10 +144,10 @@ impl Flight {
 }
 
 /// The client's settings for a profile.
-pub fn settings(profile: Profile) -> Settings<f64> {
-    Settings {
+pub fn settings(profile: Profile) -> AutopilotSettings<f64> {
+    AutopilotSettings {
         limits: profile.client_limits(),
-        ..Settings::new(origin(), start(), ALTITUDE_M, SPEED_MPS)
+        ..AutopilotSettings::new(origin(), start(), ALTITUDE_M, SPEED_MPS)
     }
 }
 
@@ -159,7 +159,7 @@ pub fn vehicle(profile: Profile) -> VehicleSettings {
 /// A flight that holds at the start, ready for legs.
 pub fn ready(
     profile: Profile,
-    change: impl FnOnce(&mut Settings<f64>, &mut VehicleSettings),
+    change: impl FnOnce(&mut AutopilotSettings<f64>, &mut VehicleSettings),
 ) -> Flight {
     let (mut settings, mut vehicle) = (settings(profile), vehicle(profile));
     change(&mut settings, &mut vehicle);

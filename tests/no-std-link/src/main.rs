@@ -7,7 +7,7 @@ use core::panic::PanicInfo;
 use firmware_core::{
     Position, PowerGain, Watt,
     autopilot::{
-        Autopilot, Settings,
+        Autopilot, AutopilotSettings,
         frames::Geodetic,
         wire::{
             Decoder, Encoder, MAX_FRAME,
@@ -50,7 +50,7 @@ pub extern "C" fn main() -> i32 {
 /// 0 if the client's first message is a frame that a decoder with the same key takes.
 fn heartbeat() -> i32 {
     let start = Position::new(50.0_f32, 80.0);
-    let settings = Settings::new(Geodetic::default(), start, 100.0, 30.0);
+    let settings = AutopilotSettings::new(Geodetic::default(), start, 100.0, 30.0);
     let Ok(mut client) = Autopilot::new(settings) else {
         return 2;
     };

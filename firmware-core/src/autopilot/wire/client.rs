@@ -1,16 +1,16 @@
-//! The messages between the client and an autopilot, by name: a program that sends and takes these
-//! alone carries no code for the rest of the dialect.
+//! The messages between the client and an autopilot. A program that sends and takes only these
+//! does not contain the code for the rest of the dialect.
 
 use mavlink::dialects::common::MavMessage;
 use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, MessageData};
 
-/// Writes reading and writing for a list of messages.
+/// Generates a parser and a serializer for a list of messages.
 macro_rules! messages {
     (taken { $($taken:ident($taken_data:ident),)* } sent { $($sent:ident,)* }) => {
         use mavlink::dialects::common::{$($taken_data,)*};
 
-        /// The message of this id, if it is one that the client takes.
+        /// Returns the message with this id, or `None` if the client does not take it.
         pub(super) fn parse(id: u32, payload: &[u8]) -> Result<Option<MavMessage>, ParserError> {
             Ok(Some(match id {
                 $($taken_data::ID => {
@@ -20,7 +20,8 @@ macro_rules! messages {
             }))
         }
 
-        /// Writes a message that the client sends and returns its length; `None` for any other.
+        /// Writes a message that the client sends and returns its length. Returns `None` for any other
+        /// message.
         pub(super) fn write(message: &MavMessage, payload: &mut [u8]) -> Option<usize> {
             Some(match message {
                 $(MavMessage::$sent(data) => data.ser(MavlinkVersion::V2, payload),)*
@@ -33,7 +34,7 @@ macro_rules! messages {
             use super::*;
             use mavlink::Message;
 
-            /// Read and written as the whole dialect is.
+            /// Messages are read and written as by the code for the whole dialect.
             #[test]
             fn each_is_read_and_written_as_by_the_dialect() {
                 let mut ids = 0;
@@ -43,7 +44,7 @@ macro_rules! messages {
                         continue;
                     };
                     let seed_is_zero = MavMessage::extra_crc(id) == 0;
-                    assert_eq!(seed_is_zero, id == super::super::SEED_ZERO, "message {id}");
+                    assert_eq!(seed_is_zero, id == super::super::layout::SEED_ZERO, "message {id}");
                     ids += 1;
                     let mut whole = [0; 255];
                     let length = message.ser(MavlinkVersion::V2, &mut whole);

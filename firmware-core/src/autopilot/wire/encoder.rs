@@ -4,10 +4,11 @@ use mavlink::dialects::common::{EstimatorStatusFlags, MavMessage, MavSeverity, S
 use mavlink::{MavlinkVersion, Message, calculate_crc};
 
 use super::client;
+use super::frame::Address;
+use super::layout::{HEADER, MAX_FRAME, SIGNED, START, ekf_status_report, field};
 use super::signing::Signer;
-use super::{Address, CHECKSUM, EKF_STATUS_REPORT, HEADER, MAX_FRAME, SIGNED, START};
 
-/// Messages in, frames out; numbers them.
+/// Turns messages into frames and numbers them.
 #[derive(Clone, Debug)]
 pub struct Encoder {
     own: Address,
@@ -15,11 +16,11 @@ pub struct Encoder {
     signer: Option<Signer>,
 }
 
-/// Room for one frame.
+/// A buffer for one frame.
 pub type FrameBuffer = [u8; MAX_FRAME];
 
 impl Encoder {
-    /// An encoder that sends as `own`.
+    /// Creates an encoder that sends as `own`.
     pub const fn new(own: Address) -> Self {
         Self {
             own,
@@ -33,25 +34,25 @@ impl Encoder {
         self.signer = Some(signer);
     }
 
-    /// What signs, to set its clock.
+    /// Returns the signer, for example to set its clock.
     pub fn signer_mut(&mut self) -> Option<&mut Signer> {
         self.signer.as_mut()
     }
 
-    /// Sends as `own` from now on: the client speaks under the vehicle's system id, which it
-    /// learns from the first heartbeat.
+    /// Sends as `own` from now on. The client uses the vehicle's system id, which it learns from
+    /// the first heartbeat.
     pub fn send_as(&mut self, own: Address) {
         self.own = own;
     }
 
-    /// Who it sends as.
+    /// Returns the address that frames are sent from.
     pub fn own(&self) -> Address {
         self.own
     }
 
     /// Writes `message` as the next frame into `buffer` and returns it.
     pub fn encode<'b>(&mut self, message: &MavMessage, buffer: &'b mut FrameBuffer) -> &'b [u8] {
-        let length = message.ser(MavlinkVersion::V2, &mut buffer[HEADER..HEADER + 255]);
+        let length = message.ser(MavlinkVersion::V2, &mut buffer[field::LARGEST_PAYLOAD]);
         let id = message.message_id();
         self.finish(id, length, MavMessage::extra_crc(id), buffer)
     }
@@ -64,24 +65,26 @@ impl Encoder {
         message: &MavMessage,
         buffer: &'b mut FrameBuffer,
     ) -> Option<&'b [u8]> {
-        let length = client::write(message, &mut buffer[HEADER..HEADER + 255])?;
+        let length = client::write(message, &mut buffer[field::LARGEST_PAYLOAD])?;
         let id = message.message_id();
         Some(self.finish(id, length, MavMessage::extra_crc(id), buffer))
     }
 
-    /// ArduPilot's form of ESTIMATOR_STATUS: an EKF_STATUS_REPORT with these flags.
+    /// Writes ArduPilot's form of ESTIMATOR_STATUS, an EKF_STATUS_REPORT with these flags, as the
+    /// next frame.
     pub fn encode_ekf_status_report<'b>(
         &mut self,
         flags: EstimatorStatusFlags,
         buffer: &'b mut FrameBuffer,
     ) -> &'b [u8] {
-        let (id, seed, offset) = EKF_STATUS_REPORT;
-        buffer[HEADER..HEADER + offset].fill(0);
-        buffer[HEADER + offset..HEADER + offset + 2].copy_from_slice(&flags.bits().to_le_bytes());
-        self.finish(id, offset + 2, seed, buffer)
+        use ekf_status_report::{CHECKSUM_SEED, FLAGS, ID};
+        let payload = &mut buffer[field::payload(FLAGS.end)];
+        payload[..FLAGS.start].fill(0);
+        payload[FLAGS].copy_from_slice(&flags.bits().to_le_bytes());
+        self.finish(ID, FLAGS.end, CHECKSUM_SEED, buffer)
     }
 
-    /// A STATUSTEXT of severity CRITICAL: the first 50 bytes of `text`.
+    /// Writes a STATUSTEXT of severity CRITICAL with the first 50 bytes of `text` as the next frame.
     pub fn encode_critical_text<'b>(
         &mut self,
         text: &str,
@@ -96,7 +99,7 @@ impl Encoder {
             text: bytes.into(),
             ..STATUSTEXT_DATA::default()
         };
-        // It is one of the client's.
+        // STATUSTEXT is one of the client's messages.
         self.encode_of_client(&MavMessage::STATUSTEXT(message), buffer)
             .unwrap_or_default()
     }
@@ -108,24 +111,19 @@ impl Encoder {
         seed: u8,
         buffer: &'b mut FrameBuffer,
     ) -> &'b [u8] {
-        let [id0, id1, id2, _] = id.to_le_bytes();
-        buffer[..HEADER].copy_from_slice(&[
-            START,
-            length as u8,
-            if self.signer.is_some() { SIGNED } else { 0 },
-            0,
-            self.sequence,
-            self.own.system,
-            self.own.component,
-            id0,
-            id1,
-            id2,
-        ]);
+        let header = &mut buffer[..HEADER];
+        header[field::START] = START;
+        header[field::LENGTH] = length as u8;
+        header[field::INCOMPATIBILITY_FLAGS] = if self.signer.is_some() { SIGNED } else { 0 };
+        header[field::COMPATIBILITY_FLAGS] = 0;
+        header[field::SEQUENCE] = self.sequence;
+        header[field::SYSTEM] = self.own.system;
+        header[field::COMPONENT] = self.own.component;
+        header[field::MESSAGE_ID].copy_from_slice(&id.to_le_bytes()[..field::MESSAGE_ID.len()]);
         self.sequence = self.sequence.wrapping_add(1);
-        let end = HEADER + length;
-        let checksum = calculate_crc(&buffer[1..end], seed);
-        buffer[end..end + CHECKSUM].copy_from_slice(&checksum.to_le_bytes());
-        let end = end + CHECKSUM;
+        let checksum = calculate_crc(&buffer[field::checked(length)], seed);
+        buffer[field::checksum(length)].copy_from_slice(&checksum.to_le_bytes());
+        let end = field::checksum(length).end;
         match &mut self.signer {
             Some(signer) => {
                 let signature = signer.sign(&buffer[..end]);

@@ -1,32 +1,37 @@
-//! MAVLink 2 message signing: who knows the key may speak.
+//! MAVLink 2 message signing: only a sender that knows the key is accepted.
 //!
 //! A signed frame ends with a link id, a time (48 bits, units of 10 us since 2015-01-01) and the
 //! first 48 bits of SHA-256 over the key, the frame and those two. Times only rise per link and
-//! sender, so a recording is refused. Neither side has a clock of its own: the caller sets it.
+//! sender, so a recording is refused. Signer and verifier have no clock of their own: the caller
+//! sets it.
 
 use core::fmt;
 
 use sha2::{Digest, Sha256};
 
-use super::{Address, Frame, SIGNATURE};
+use super::frame::{Address, Frame};
+use super::layout::{
+    SIGNATURE,
+    signature::{DIGEST, LINK, LINK_AND_TIME, TIME},
+};
 
-/// The secret that both ends share. Never shown, not even by `Debug`.
+/// The secret that both ends share. It is never printed, not even by `Debug`.
 #[derive(Clone)]
 pub struct SigningKey([u8; 32]);
 
 impl SigningKey {
-    /// A key of these bytes.
+    /// Creates a key from its bytes.
     pub const fn new(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }
 
-    fn signature(&self, frame: &[u8], link_and_time: &[u8]) -> [u8; 6] {
+    fn signature(&self, frame: &[u8], link_and_time: &[u8]) -> [u8; DIGEST.end - DIGEST.start] {
         let mut hash = Sha256::new();
         hash.update(self.0);
         hash.update(frame);
         hash.update(link_and_time);
-        let mut first = [0; 6];
-        first.copy_from_slice(&hash.finalize()[..6]);
+        let mut first = [0; DIGEST.end - DIGEST.start];
+        first.copy_from_slice(&hash.finalize()[..DIGEST.len()]);
         first
     }
 }
@@ -39,16 +44,16 @@ impl fmt::Debug for SigningKey {
 
 /// 2015-01-01 00:00 UTC, microseconds since 1970.
 const EPOCH_US: u64 = 1_420_070_400_000_000;
-/// A sender that is new may be behind our clock by this: one minute.
+/// A new sender may be behind our clock by this, in units of 10 us: one minute.
 const NEW_SENDER: u64 = 6_000_000;
 const TIME_MASK: u64 = (1 << 48) - 1;
 
-/// The time of signatures for a time since 1970 in microseconds.
+/// Returns the time of signatures for a time since 1970 in microseconds.
 fn ticks(unix_us: u64) -> u64 {
     (unix_us.saturating_sub(EPOCH_US) / 10) & TIME_MASK
 }
 
-/// Signs what is sent over one link.
+/// Signs the frames that are sent over one link.
 #[derive(Clone, Debug)]
 pub struct Signer {
     key: SigningKey,
@@ -58,7 +63,7 @@ pub struct Signer {
 }
 
 impl Signer {
-    /// Signs as link `link`, at the time `unix_us` (microseconds since 1970).
+    /// Creates a signer for the link `link`, at the time `unix_us` (microseconds since 1970).
     pub fn new(key: SigningKey, link: u8, unix_us: u64) -> Self {
         Self {
             key,
@@ -67,28 +72,29 @@ impl Signer {
         }
     }
 
-    /// Sets the clock; it never goes back.
+    /// Sets the clock, which never goes back.
     pub fn set_time(&mut self, unix_us: u64) {
         self.time = self.time.max(ticks(unix_us));
     }
 
-    /// The 13 bytes behind a frame's checksum; each signature has a later time than the last.
+    /// Returns the 13 bytes that follow a frame's checksum. Each signature has a later time than
+    /// the one before.
     pub(super) fn sign(&mut self, frame: &[u8]) -> [u8; SIGNATURE] {
         self.time = (self.time + 1) & TIME_MASK;
         let mut tail = [0; SIGNATURE];
-        tail[0] = self.link;
-        tail[1..7].copy_from_slice(&self.time.to_le_bytes()[..6]);
-        let signature = self.key.signature(frame, &tail[..7]);
-        tail[7..].copy_from_slice(&signature);
+        tail[LINK] = self.link;
+        tail[TIME].copy_from_slice(&self.time.to_le_bytes()[..TIME.len()]);
+        let digest = self.key.signature(frame, &tail[LINK_AND_TIME]);
+        tail[DIGEST].copy_from_slice(&digest);
         tail
     }
 }
 
-/// Senders (per link) whose times are followed. A further one is refused: forgetting one would
-/// let its recordings in.
+/// The number of senders (per link) whose times are tracked. A further sender is refused:
+/// forgetting one would let its recordings in.
 const STREAMS: usize = 16;
 
-/// Checks what is received.
+/// Verifies the signatures of received frames.
 #[derive(Clone, Debug)]
 pub struct Verifier {
     key: SigningKey,
@@ -96,17 +102,17 @@ pub struct Verifier {
     streams: heapless::Vec<(u8, Address, u64), STREAMS>,
 }
 
-/// What a frame's signature is worth.
+/// The result of verifying a frame's signature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    Good,
+    Valid,
     Unsigned,
     Wrong,
     Replayed,
 }
 
 impl Verifier {
-    /// Checks with this key, at the time `unix_us` (microseconds since 1970).
+    /// Creates a verifier with this key, at the time `unix_us` (microseconds since 1970).
     pub fn new(key: SigningKey, unix_us: u64) -> Self {
         Self {
             key,
@@ -115,29 +121,29 @@ impl Verifier {
         }
     }
 
-    /// Sets the clock; it never goes back.
+    /// Sets the clock, which never goes back.
     pub fn set_time(&mut self, unix_us: u64) {
         self.time = self.time.max(ticks(unix_us));
     }
 
-    pub(super) fn judge(&mut self, frame: &Frame<'_>) -> Verdict {
+    pub(super) fn verify(&mut self, frame: &Frame<'_>) -> Verdict {
         if !frame.is_signed() {
             return Verdict::Unsigned;
         }
         let (signed, tail) = frame.bytes().split_at(frame.bytes().len() - SIGNATURE);
-        let expected = self.key.signature(signed, &tail[..7]);
+        let expected = self.key.signature(signed, &tail[LINK_AND_TIME]);
         // Compared as a whole, so that the time taken does not tell how much was right.
         let difference = expected
             .iter()
-            .zip(&tail[7..])
+            .zip(&tail[DIGEST])
             .fold(0, |d, (a, b)| d | (a ^ b));
         if difference != 0 {
             return Verdict::Wrong;
         }
         let mut bytes = [0; 8];
-        bytes[..6].copy_from_slice(&tail[1..7]);
+        bytes[..TIME.len()].copy_from_slice(&tail[TIME]);
         let time = u64::from_le_bytes(bytes);
-        let (link, sender) = (tail[0], frame.sender());
+        let (link, sender) = (tail[LINK], frame.sender());
         let known = self
             .streams
             .iter_mut()
@@ -153,6 +159,6 @@ impl Verifier {
             }
         }
         self.time = self.time.max(time);
-        Verdict::Good
+        Verdict::Valid
     }
 }

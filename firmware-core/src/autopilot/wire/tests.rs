@@ -1,13 +1,15 @@
-//! Frames against noise, cutting, damage and other dialects.
+//! Decoding of frames among noise, truncated and damaged frames, and other dialects.
 
 use std::{vec, vec::Vec};
 
 use mavlink::dialects::common::{
-    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavModeFlag, MavState, MavType,
+    EstimatorStatusFlags, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavMessage,
+    MavModeFlag, MavState, MavType,
 };
 use proptest::prelude::*;
 
-use super::signing::{Signer, SigningKey};
+use super::layout::{SIGNATURE, START};
+use super::signing::{Signer, SigningKey, Verifier};
 use super::*;
 
 const OWN: Address = Address {
@@ -111,7 +113,7 @@ fn duplicates_and_late_frames_are_dropped_where_order_counts() {
             }
         }
     }
-    // 299 has the running number 43; 0 after it is a sender that started anew.
+    // 299 has the sequence number 43; 0 after it is a sender that has restarted.
     assert_eq!(got, [0, 1, 3, 4, 299, 0, 1]);
     assert_eq!(decoder.counters().out_of_order, 3);
 }
@@ -251,8 +253,8 @@ proptest! {
         prop_assert_eq!(decoder.counters().skipped_bytes as usize, noise.len() * xs.len());
     }
 
-    /// Any bytes at all: no panic, and a good frame after them is found at the latest
-    /// when the datagram ends.
+    /// No bytes cause a panic, and a good frame after them is found at the latest when the datagram
+    /// ends.
     #[test]
     fn any_bytes_are_survived(junk in proptest::collection::vec(any::<u8>(), 0..2000)) {
         let mut buffer = [0; MAX_FRAME];
@@ -264,7 +266,7 @@ proptest! {
         prop_assert_eq!(decode(&mut decoder, &frame).len(), 1);
     }
 
-    /// One wrong bit never passes as a frame.
+    /// A frame with one wrong bit is never accepted.
     #[test]
     fn a_wrong_bit_is_noticed(x in -1e6f32..1e6, byte in 1usize..40, bit in 0u32..8) {
         let mut buffer = [0; MAX_FRAME];

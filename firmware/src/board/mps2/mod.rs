@@ -19,7 +19,7 @@ use cortex_m::peripheral::{Peripherals, SYST, syst::SystClkSource};
 use cortex_m_rt::exception;
 use cortex_m_semihosting::{debug, hprintln};
 use firmware_core::{
-    console::{self, REPORT_FRAME_MAX, Report},
+    console::{self, BoardReport, REPORT_FRAME_MAX},
     time::{Duration, Instant},
 };
 
@@ -114,7 +114,7 @@ impl Board for Mps2 {
     fn watch(&mut self, patience: Option<Duration>) {
         match patience {
             Some(patience) => {
-                let micros = patience.min(Self::LONGEST_WATCH).micros();
+                let micros = patience.min(Self::LONGEST_WATCH).as_micros();
                 let cycles = micros * u64::from(CLOCK_HZ / 1_000_000);
                 self.watchdog
                     .feed(u32::try_from(cycles).unwrap_or(u32::MAX));
@@ -166,7 +166,7 @@ impl Board for Mps2 {
 /// it are the setpoints, on which the autopilot's own failsafe acts.
 fn last_words(why: &dyn Display) -> ! {
     cortex_m::interrupt::disable();
-    let report = Report::BrokenOff(console::words(&why));
+    let report = BoardReport::BrokenOff(console::words(&why));
     let mut frame = [0; REPORT_FRAME_MAX];
     if let Ok(frame) = console::encode_report(&report, &mut frame) {
         CONSOLE.write_by_hand(frame);

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, io};
 
 use firmware_core::{
     PowerGain, SENSORS_MAX, USERS_MAX, Watt, aircomp,
-    console::{self, Footprint, Order},
+    console::{self, BoardMission, Footprint, MissionOrder},
     controller::{ChannelSource, ChannelState, SlotCommand},
     link::{Decoder, Message, VehicleStatus},
     time::Instant,
@@ -34,7 +34,7 @@ pub type Tally = BTreeMap<&'static str, u64>;
 pub struct Campaign {
     image: Image,
     twin: Twin,
-    order: Order,
+    order: MissionOrder,
     schedule: Schedule,
     link: FaultyLink<f32>,
     /// Behind the faults, as the vehicle is: what its counters are held against.
@@ -53,7 +53,12 @@ pub struct Campaign {
 
 impl Campaign {
     /// So many schedules, one after the other from slot 1.
-    pub fn new((image, twin): (Image, Twin), order: &Order, schedules: u32, seed: u64) -> Self {
+    pub fn new(
+        (image, twin): (Image, Twin),
+        order: &MissionOrder,
+        schedules: u32,
+        seed: u64,
+    ) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mut schedule = Schedule::default();
         let mut tally = Tally::new();
@@ -185,32 +190,14 @@ impl Campaign {
             |holds: bool, what: &str| demand(holds, || format!("slot {slot}: {what}: {command:?}"));
         let mission = &self.order.mission;
         must(command.slot == slot, "not the slot under way")?;
-        let numbers = [
-            command.user_power.0,
-            command.normalizing_factor,
-            command.rate,
-            command.mse,
-        ];
+        let board_mission =
+            BoardMission::new(mission.clone()).map_err(|error| violation(&error.to_string()))?;
+        if let Err(error) = command.check(&board_mission) {
+            must(false, &error.to_string())?;
+        }
         let coefficients = &command.sensor_coefficients;
-        let mut numbers = numbers.iter().chain(coefficients);
-        must(
-            numbers.all(|x| x.is_finite() && *x >= 0.0),
-            "a number that is none",
-        )?;
-        let within = |x: f32, most: f32| f64::from(x) <= f64::from(most) * (1.0 + ROUNDING);
-        must(
-            within(command.user_power.0, mission.user_power_max.0)
-                && coefficients
-                    .iter()
-                    .all(|b| within(b * b, mission.sensor_power_max.0)),
-            "too much power",
-        )?;
         let fresh = command.source == ChannelSource::Measured;
         must(fresh == state.is_some(), "the source of the gains")?;
-        must(
-            within(command.mse, mission.mse_threshold) || !command.status.is_feasible(),
-            "feasible beyond Gamma",
-        )?;
         let (mut rejected, mut unheard) = (0, command.unheard_sensors);
         if let Some(state) = &state {
             let invalid =

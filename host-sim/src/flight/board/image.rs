@@ -10,7 +10,7 @@ use std::{
 
 use firmware_core::{
     autopilot::wire::Decoder,
-    console::{self, CONSOLE_FRAME_MAX, Call, Footprint, Order, Report, Reports, Tick},
+    console::{self, BoardReport, CONSOLE_FRAME_MAX, Call, Footprint, MissionOrder, Reports, Tick},
     time::Instant,
 };
 
@@ -105,7 +105,7 @@ pub struct Image {
     console: Line,
     reports: Reports,
     /// Reports that have come and were not taken yet.
-    waiting: VecDeque<Report>,
+    waiting: VecDeque<BoardReport>,
     frames: Decoder,
 }
 
@@ -115,7 +115,7 @@ impl Image {
     ///
     /// # Errors
     /// Nobody there, no answer, an order that is refused: in one line.
-    pub fn connect(to: &HostPort, order: &Order) -> Result<Self, String> {
+    pub fn connect(to: &HostPort, order: &MissionOrder) -> Result<Self, String> {
         let line = |offset| {
             Line::connect(to, offset).map_err(|error| format!("tcp:{to}: no board: {error}"))
         };
@@ -131,8 +131,8 @@ impl Image {
             .call(&Call::Order(order.clone()))
             .and_then(|()| image.report());
         match answer {
-            Ok(Report::Ready) => Ok(image),
-            Ok(Report::Refused(why) | Report::BrokenOff(why)) => {
+            Ok(BoardReport::Ready) => Ok(image),
+            Ok(BoardReport::Refused(why) | BoardReport::BrokenOff(why)) => {
                 Err(format!("tcp:{to}: the board refuses: {why}"))
             }
             Ok(other) => Err(format!("tcp:{to}: an answer out of turn: {other:?}")),
@@ -146,7 +146,7 @@ impl Image {
         self.console.send(frame)
     }
 
-    fn report(&mut self) -> io::Result<Report> {
+    fn report(&mut self) -> io::Result<BoardReport> {
         let mut bytes = Vec::new();
         loop {
             if let Some(report) = self.waiting.pop_front() {
@@ -181,10 +181,10 @@ impl Board for Image {
         let (mut events, mut broken_off) = (Vec::new(), None);
         let tock = loop {
             match self.report()? {
-                Report::Tock(tock) => break tock,
-                Report::Event(words) => events.push(words.as_str().into()),
-                Report::BrokenOff(why) => broken_off = Some(why.as_str().into()),
-                Report::Ready | Report::Refused(_) | Report::Footprint(_) => {}
+                BoardReport::Tock(tock) => break tock,
+                BoardReport::Event(words) => events.push(words.as_str().into()),
+                BoardReport::BrokenOff(why) => broken_off = Some(why.as_str().into()),
+                BoardReport::Ready | BoardReport::Refused(_) | BoardReport::Footprint(_) => {}
             }
         };
         let mut mavlink = Vec::new();
@@ -214,7 +214,7 @@ impl Board for Image {
     fn footprint(&mut self) -> io::Result<Option<Footprint>> {
         self.call(&Call::Footprint)?;
         loop {
-            if let Report::Footprint(footprint) = self.report()? {
+            if let BoardReport::Footprint(footprint) = self.report()? {
                 return Ok(Some(footprint));
             }
         }

@@ -18,7 +18,10 @@ use std::{fmt, io, sync::Arc};
 use firmware_core::{
     Position,
     autopilot::{Geofence, Phase, guidance::Limits, wire::MAX_FRAME},
-    console::{BoardComputer, Clock as WhoseClock, Decider, Footprint, Order, in_single_precision},
+    console::{
+        BoardComputer, Clock as WhoseClock, Footprint, MissionOrder, PolicyKind,
+        in_single_precision,
+    },
     link::FRAME_MAX,
     onboard::Stage,
     policy::mlp::Mlp,
@@ -80,10 +83,10 @@ pub trait Board: fmt::Debug {
 }
 
 /// What a board is told of a mission.
-pub fn order(scenario: &Scenario, profile: Profile, decider: Decider) -> Order {
+pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> MissionOrder {
     let flight = autopilot_settings(scenario, profile);
     let number = |x: f64| x as f32;
-    Order {
+    MissionOrder {
         mission: in_single_precision(scenario.mission.parameters()),
         map_origin: scenario.map_origin(),
         limits: Limits {
@@ -97,7 +100,7 @@ pub fn order(scenario: &Scenario, profile: Profile, decider: Decider) -> Order {
             ceiling_m: number(fence.ceiling_m),
         }),
         ground_patience: flight.watch.ground,
-        decider,
+        policy_kind,
         clock: WhoseClock::Console,
     }
 }
@@ -115,10 +118,10 @@ impl Twin {
     ///
     /// # Errors
     /// Why the order is refused, in words.
-    pub fn new(order: &Order, policy: Option<Arc<[u8]>>) -> Result<Self, String> {
+    pub fn new(order: &MissionOrder, policy: Option<Arc<[u8]>>) -> Result<Self, String> {
         let trained = policy.map(Mlp::load).transpose();
         let trained = trained.map_err(|error| error.to_string())?;
-        let computer = order.commission(trained.as_ref());
+        let computer = order.build(trained.as_ref());
         let mut computer = computer.map_err(|refusal| refusal.to_string())?;
         computer.autopilot_mut().launch(Instant::ZERO);
         Ok(Self {
@@ -261,7 +264,7 @@ impl<B: Board> BoardFlight<'_, B> {
             if round.phase.is_final() {
                 return self.verdict(&round);
             }
-            let waited = now.since(Instant::ZERO);
+            let waited = now.duration_since(Instant::ZERO);
             if round.phase == Phase::Connecting && waited > CONNECT_PATIENCE {
                 return Err(FlightError::NobodyThere(Silence {
                     waited_s: waited.as_secs_f64(),
@@ -318,7 +321,7 @@ impl<B: Board> BoardFlight<'_, B> {
             }
             for text in &round.events {
                 let event = FlightEvent {
-                    time_s: now.since(Instant::ZERO).as_secs_f64(),
+                    time_s: now.duration_since(Instant::ZERO).as_secs_f64(),
                     text: text.clone(),
                     notable: reason::are_notable(text),
                 };
@@ -348,7 +351,7 @@ impl<B: Board> BoardFlight<'_, B> {
             .map(|(place, altitude_m)| (place.map(f64::from), f64::from(altitude_m)));
         if let Some((position, altitude_m)) = truth.or(measured) {
             self.path.push(PathSample {
-                time_s: now.since(started).as_secs_f64(),
+                time_s: now.duration_since(started).as_secs_f64(),
                 position,
                 altitude_m,
             });

@@ -1,5 +1,5 @@
-//! What comes in. Only the latched autopilot changes anything; frames of other systems and
-//! components are looked at no further.
+//! Received messages. Only those of the autopilot that was selected change anything; frames of
+//! other systems and components are ignored.
 
 use mavlink::dialects::common::{
     COMMAND_ACK_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavLandedState, MavMessage,
@@ -7,14 +7,15 @@ use mavlink::dialects::common::{
 };
 
 use super::checks::Needs;
-use super::command::Outcome;
+use super::client::Autopilot;
+use super::command::CommandOutcome;
 use super::event::Event;
 use super::failsafe::Cause;
 use super::frames::Geodetic;
+use super::phase::Phase;
 use super::profile::{Firmware, Mode, is_armed, mode_of};
 use super::telemetry::News;
 use super::wire::{Address, status_text};
-use super::{Autopilot, Phase};
 use crate::scalar::{Position, Scalar};
 use crate::time::Instant;
 
@@ -22,8 +23,8 @@ use crate::time::Instant;
 const AUTOPILOT_COMPONENT: u8 = 1;
 
 impl<T: Scalar> Autopilot<T> {
-    /// Takes a message that came, with who sent it. Anything that is not meant for us, or
-    /// does not fit the phase, changes nothing.
+    /// Processes a received message and the address of its sender. Messages that are not addressed
+    /// to us, or do not fit the phase, change nothing.
     pub fn receive(&mut self, now: Instant, from: Address, message: &MavMessage) {
         if let MavMessage::HEARTBEAT(heartbeat) = message
             && self.phase == Phase::Connecting
@@ -52,7 +53,8 @@ impl<T: Scalar> Autopilot<T> {
                 };
             }
             MavMessage::GPS_GLOBAL_ORIGIN(origin) => {
-                // In flight the frame of reference stays; a moved origin shows as a jump.
+                // In flight the origin of the frame is kept; a moved origin shows as a jump of the
+                // position.
                 if matches!(self.phase, Phase::Checking | Phase::Standby) {
                     let moved = self.map.set_local_origin(Geodetic {
                         latitude_e7: origin.latitude,
@@ -86,7 +88,7 @@ impl<T: Scalar> Autopilot<T> {
         self.advance(now);
     }
 
-    /// Latches the first autopilot that fits.
+    /// Selects the first autopilot that fits the settings.
     fn consider(&mut self, now: Instant, from: Address, heartbeat: &HEARTBEAT_DATA) {
         let wanted = self.settings.vehicle.is_none_or(|id| id == from.system);
         let Some(firmware) = Firmware::of(heartbeat) else {
@@ -107,7 +109,7 @@ impl<T: Scalar> Autopilot<T> {
         let Some((_, firmware)) = self.vehicle else {
             return;
         };
-        // Another kind of component under the same address does not speak for the autopilot.
+        // Heartbeats of another kind of component under the same address are ignored.
         if Firmware::of(heartbeat) != Some(firmware) {
             return;
         }
@@ -120,13 +122,14 @@ impl<T: Scalar> Autopilot<T> {
         self.heartbeat_judged(now, firmware, mode);
     }
 
-    /// PX4 tells its mode sooner so than by its heartbeat, which comes once a second.
+    /// Processes a CURRENT_MODE. PX4 reports its mode earlier this way than in its heartbeat, which
+    /// it sends once a second.
     fn take_mode(&mut self, now: Instant, mode: Mode) {
-        // Autopilots that do not know it yet send 0.
+        // Autopilots that do not support it yet send 0.
         let Some((_, firmware)) = self.vehicle.filter(|_| mode != Mode(0)) else {
             return;
         };
-        // While the link counts as silent, a heartbeat has to end that.
+        // While the link counts as silent, only a heartbeat can end that.
         if !self.silent {
             self.note_mode(firmware, mode);
             self.heartbeat_judged(now, firmware, mode);
@@ -151,7 +154,7 @@ impl<T: Scalar> Autopilot<T> {
         {
             let request = pending.request;
             self.pending = None;
-            if outcome != Outcome::Accepted {
+            if outcome != CommandOutcome::Accepted {
                 self.events.push(Event::Failed { request, outcome });
             }
             self.command_over(now, request, outcome);
@@ -162,14 +165,17 @@ impl<T: Scalar> Autopilot<T> {
         let Some((_, firmware)) = self.vehicle else {
             return;
         };
-        let restoring = self.phase.is_final() || self.restore_now || self.reader.restores_first();
+        let restoring =
+            self.phase.is_final() || self.restore_now || self.parameter_manager.restores_first();
         let found = if restoring {
-            self.reader.take_restored(firmware, value)
+            self.parameter_manager.take_restored(firmware, value)
         } else {
             let needs = self.needs();
             let may_set = self.settings.set_parameters;
             let limits = &mut self.parameter_limits;
-            let found = self.reader.take(firmware, value, &needs, limits, may_set);
+            let found = self
+                .parameter_manager
+                .take(firmware, value, &needs, limits, may_set);
             self.update_limits();
             found
         };
@@ -178,7 +184,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// What the mission asks of the vehicle's parameters.
+    /// Returns what the mission requires of the vehicle's parameters.
     pub(super) fn needs(&self) -> Needs {
         Needs {
             speed_mps: self.settings.transit_speed_mps.to_f64() as f32,
@@ -186,7 +192,7 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     fn take_position(&mut self, now: Instant, message: &LOCAL_POSITION_NED_DATA) {
-        // Before the start of the flight nothing depends on a mapping of the clocks that is steady.
+        // Before the start of the flight no steady mapping of the clocks is needed.
         let smooth = self.stream.is_some();
         let news = self
             .telemetry
@@ -208,7 +214,8 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The vehicle repeats a setpoint it has taken. Setpoints are compared as they were sent.
+    /// Processes the vehicle's echo of a setpoint. Setpoints are compared in the form in which they
+    /// were sent.
     fn take_echo(&mut self, boot_ms: u32, same: impl Fn(Position<T>) -> bool) {
         let sent = self.stream.as_ref().map(|stream| stream.last.position);
         if let Some((sent, leg)) = sent.zip(self.leg.as_mut())

@@ -1,4 +1,4 @@
-//! What goes out, and when.
+//! Messages to send, and when.
 
 use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavAutopilot, MavFrame, MavMessage, MavModeFlag, MavState, MavType,
@@ -6,25 +6,27 @@ use mavlink::dialects::common::{
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
+use super::client::Autopilot;
 use super::command::Turn;
 use super::event::Event;
 use super::frames::vector_to_ned;
 use super::guidance::Motion;
+use super::phase::Phase;
 use super::settings::Coordinates;
-use super::{Autopilot, Phase};
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
-/// The longest time between two looks at the clock that all time-outs here tolerate.
+/// The longest time between two calls that all time-outs of this module tolerate.
 const LONGEST_NAP: Duration = Duration::from_millis(50);
 
-/// The reference is ahead of the newest sample by so many telemetry intervals at most: what stops
-/// sending samples may have stopped flying, as a simulator does that stalls.
+/// The largest number of telemetry intervals by which the reference may be ahead of the newest
+/// sample: a vehicle that no longer sends samples may no longer fly, for example a simulator that
+/// stalls.
 const FURTHEST_AHEAD: u32 = 2;
 
 impl<T: Scalar> Autopilot<T> {
-    /// The next message to send. Call until `None` whenever something was received, and at
+    /// Returns the next message to send. Call until `None` whenever something was received, and at
     /// the latest at [`Autopilot::poll_at`].
     pub fn poll(&mut self, now: Instant) -> Option<MavMessage> {
         self.advance(now);
@@ -34,7 +36,7 @@ impl<T: Scalar> Autopilot<T> {
         if self.phase == Phase::Failed {
             return self.restoration(now);
         }
-        // The setpoint of a slot's end comes first: its time is what a slot is measured by.
+        // The setpoint of a slot's end comes first: the slot is measured by its time.
         if let Some(setpoint) = self.setpoint(now) {
             return Some(setpoint);
         }
@@ -47,7 +49,7 @@ impl<T: Scalar> Autopilot<T> {
             .or_else(|| self.restoration(now))
     }
 
-    /// When [`Autopilot::poll`] next has something to do, if nothing is received before.
+    /// Returns when [`Autopilot::poll`] must be called next if nothing is received before.
     pub fn poll_at(&self, now: Instant) -> Instant {
         let mut next = (now + LONGEST_NAP).min(self.heartbeat_due);
         if let Some(pending) = &self.pending {
@@ -104,44 +106,47 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Parameters are read, and set, while nothing else is asked for.
+    /// Returns the next request for a parameter. Parameters are read and set while nothing else is
+    /// requested.
     fn parameter_request(&mut self, now: Instant) -> Option<MavMessage> {
         let vehicle = self.vehicle?;
         if self.phase != Phase::Checking || self.pending.is_some() || self.restore_now {
             return None;
         }
-        if self.reader.restores_first() {
+        if self.parameter_manager.restores_first() {
             if self.telemetry.armed {
                 return None;
             }
             let events = &mut self.events;
             let report = |finding| events.push(Event::Finding(finding));
-            return self.reader.restore(now, vehicle, report);
+            return self.parameter_manager.restore(now, vehicle, report);
         }
         let needs = self.needs();
         let events = &mut self.events;
         let report = |finding| events.push(Event::Finding(finding));
         let limits = &mut self.parameter_limits;
-        let request = self.reader.request(now, vehicle, &needs, limits, report);
+        let request = self
+            .parameter_manager
+            .request(now, vehicle, &needs, limits, report);
         self.update_limits();
         request
     }
 
-    /// After the flight, with motors off, parameters become what they were. While the link is
-    /// silent no attempt is spent.
+    /// Returns the next request that restores a parameter. Parameters are restored after the
+    /// flight, with motors off. While the link is silent no attempt is used.
     fn restoration(&mut self, now: Instant) -> Option<MavMessage> {
         let vehicle = self.vehicle?;
         let may = self.phase.is_final() && !self.telemetry.armed && !self.is_link_silent(now);
-        if !(may || self.restore_now) || self.reader.is_restored() {
+        if !(may || self.restore_now) || self.parameter_manager.is_restored() {
             return None;
         }
         let events = &mut self.events;
         let report = |finding| events.push(Event::Finding(finding));
-        self.reader.restore(now, vehicle, report)
+        self.parameter_manager.restore(now, vehicle, report)
     }
 
-    /// The setpoint that is due, if one is and we may send it. Heights here are above the place
-    /// of take-off.
+    /// Returns the setpoint that is due, if there is one and it may be sent. Heights in this
+    /// function are above the place of take-off.
     fn setpoint(&mut self, now: Instant) -> Option<MavMessage> {
         if !self.may_stream(now) {
             return None;
@@ -173,7 +178,7 @@ impl<T: Scalar> Autopilot<T> {
         } else {
             stream.guide.at(vehicle_now)
         };
-        // Until a leg's end is confirmed its setpoint is repeated sooner: any may be lost.
+        // Until a leg's end is confirmed its setpoint is repeated sooner: any message may be lost.
         let unconfirmed = self.leg.as_ref().is_some_and(|leg| leg.ended.is_none());
         let waits = at_setpoints && leg_over && unconfirmed;
         stream.due = now + if waits { interval / 4 } else { interval };
@@ -214,14 +219,14 @@ impl<T: Scalar> Autopilot<T> {
         let (to, _) = self.vehicle?;
         let (vx, vy) = vector_to_ned(motion.velocity);
         let (afx, afy) = vector_to_ned(motion.acceleration);
-        // Position, velocity and acceleration count; heading is the autopilot's.
+        // Position, velocity and acceleration are used; the autopilot chooses the heading.
         let type_mask = PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE
             | PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE;
         // Above the place of take-off, as the autopilot's home is, and above the local origin.
         let height = altitude.to_f64() as f32;
-        let altitude = (altitude + self.ground_m).to_f64() as f32;
+        let altitude = (altitude + self.site.altitude_m).to_f64() as f32;
         let climb = climb.to_f64() as f32;
-        // The vehicle's clock, so that a log shows what was wanted and what was flown side by side.
+        // The vehicle's clock, so that a log shows setpoint and motion on the same time axis.
         let time_boot_ms = vehicle_now.millis_wrapping();
         Some(match self.settings.coordinates {
             Coordinates::Local => {

@@ -1,4 +1,5 @@
-//! What the vehicle can do, as far as it is known and as it has shown.
+//! The distance that the vehicle can fly in a slot, estimated from its limits and from the slots
+//! flown.
 
 use crate::{
     autopilot::guidance::Limits,
@@ -7,60 +8,65 @@ use crate::{
     shield::Agility,
 };
 
-/// How far the vehicle gets in a slot. It starts from the limits that its parameters leave, and is
-/// corrected by what is flown: by how much a slot goes further than it was asked to, and by what
-/// the vehicle does not deliver however long it is asked for it.
+/// Estimates how far the vehicle gets in a slot. The estimate starts from the limits that the
+/// vehicle's parameters impose, and is corrected after each slot: by how much a slot exceeds the
+/// step that was asked for, and by what the vehicle does not reach even when it is asked
+/// repeatedly.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pace<T: Scalar> {
+pub(super) struct SpeedEstimator<T: Scalar> {
     /// `V_max delta`, metres.
     reach_m: T,
-    /// By how much a slot may go further than the longest step that is asked for, metres: kept
-    /// free below `reach_m`. Zero for a vehicle that is where it is sent.
+    /// The distance by which a slot may exceed the longest step that is asked for, metres: kept
+    /// free below `reach_m`. Zero for a vehicle that is exactly where it is sent.
     tracking_m: T,
-    /// What the shield counts on, metres a slot.
+    /// The distance that the shield assumes, metres a slot.
     held_m: T,
     /// See [`Agility`].
-    gain_m: T,
+    velocity_change_m: T,
     drift_m: [T; 2],
-    /// From where to where the last slot was flown.
+    /// The start and the waypoint of the last slot.
     leg: Option<(Position<T>, Position<T>)>,
-    /// How many slots in a row fell short of what was asked although the vehicle did not gain
-    /// speed any more, and the most that came of it.
+    /// The number of slots in a row that fell short of what was asked although the vehicle no
+    /// longer gained speed, and the largest distance among them.
     short: u8,
     best_m: T,
 }
 
-impl<T: Scalar> Pace<T> {
-    /// Slots in a row that prove a vehicle slower than asked.
+impl<T: Scalar> SpeedEstimator<T> {
+    /// The number of slots in a row that prove that the vehicle is slower than asked.
     const PROOF: u8 = 3;
-    /// The share of what the shield counts on from which a slot asks for nearly everything.
+    /// The fraction of the assumed distance from which a slot asks for nearly everything.
     const DEMANDING: f64 = 0.9;
-    /// The share of the asked way below which a slot falls short.
+    /// The fraction of the asked distance below which a slot falls short.
     const SHORT: f64 = 0.98;
-    /// A slot that goes further than the last one by more than this share of the asked way gains
+    /// A slot that exceeds the last one by more than this fraction of the asked distance gains
     /// speed.
     const GAINS: f64 = 0.03;
-    /// What is kept free at first: a share of `V_max delta`, and metres.
+    /// The distance that is kept free at first: a fraction of `V_max delta`, and metres.
     const TRACKING: f64 = 0.022;
     const TRACKING_M: f64 = 0.1;
-    /// The share of `V_max delta` above which what a slot flies is kept free from then on.
+    /// The fraction of `V_max delta` above which the distance of a slot increases what is kept
+    /// free.
     const CLOSE: f64 = 0.98;
-    /// The largest share that is kept free.
+    /// The largest fraction that is kept free.
     const TRACKING_MOST: f64 = 0.1;
-    /// The least cosine of the angle to the way home at which a slot shows what that way allows.
+    /// The smallest cosine of the angle to the direction of the destination at which a slot counts
+    /// as evidence for flights in that direction.
     const HOMEWARD: f64 = 0.7;
-    /// A slower vehicle is asked for this much more than it has shown, so that it can show more.
+    /// A slower vehicle is asked for this factor more than it has shown, so that it can show more.
     const ASKED: f64 = 1.1;
 
     pub(super) fn new<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
         let Agility {
-            reach_m, gain_m, ..
+            reach_m,
+            velocity_change_m,
+            ..
         } = Agility::ideal(mission);
         Self {
             reach_m,
             tracking_m: T::zero(),
             held_m: reach_m,
-            gain_m,
+            velocity_change_m,
             drift_m: [T::zero(); 2],
             leg: None,
             short: 0,
@@ -68,10 +74,11 @@ impl<T: Scalar> Pace<T> {
         }
     }
 
-    /// For a vehicle with inertia: see [`Controller::rely_on`](super::Controller::rely_on).
+    /// Sets the limits of a vehicle with inertia: see
+    /// [`Controller::rely_on`](super::Controller::rely_on).
     pub(super) fn rely_on(&mut self, limits: &Limits<T>, slot_s: T) {
-        self.gain_m = limits.acceleration_mps2 * slot_s * slot_s;
-        if self.gain_m.finite() {
+        self.velocity_change_m = limits.acceleration_mps2 * slot_s * slot_s;
+        if self.velocity_change_m.finite() {
             let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
             let tracking_m = self.reach_m * T::of(Self::TRACKING) + T::of(Self::TRACKING_M);
             self.tracking_m = tracking_m.min(largest_m);
@@ -79,27 +86,28 @@ impl<T: Scalar> Pace<T> {
         self.held_m = self.most_m().min(limits.speed_mps * slot_s);
     }
 
-    /// The longest step that is asked for.
+    /// Returns the longest step that is asked for.
     fn most_m(&self) -> T {
         self.reach_m - self.tracking_m
     }
 
-    /// What the shield counts on.
+    /// Returns the capabilities that the shield assumes.
     pub(super) fn agility(&self) -> Agility<T> {
         Agility {
             step_m: self.most_m().min(self.held_m * T::of(Self::ASKED)),
             reach_m: self.held_m.min(self.most_m()),
-            gain_m: self.gain_m,
+            velocity_change_m: self.velocity_change_m,
             drift_m: self.drift_m,
         }
     }
 
-    /// A slot is flown from here to there.
+    /// Records that a slot is flown between two places.
     pub(super) fn set_out(&mut self, from: Position<T>, waypoint: Position<T>) {
         self.leg = Some((from, waypoint));
     }
 
-    /// The vehicle is at `measured` after the last slot, on its way to `destination`.
+    /// Updates the estimate: the vehicle is at `measured` after the last slot, on its way to
+    /// `destination`.
     pub(super) fn observe(&mut self, measured: &Position<T>, destination: &Position<T>) {
         let Some((from, waypoint)) = self.leg else {
             return;
@@ -110,18 +118,19 @@ impl<T: Scalar> Pace<T> {
             asked.dot(&nalgebra::Vector2::from(self.drift_m)) < asked.norm() * last_m * T::of(0.9);
         self.drift_m = way.into();
         let (asked_m, flown_m) = (asked.norm(), way.norm());
-        if self.gain_m.finite() {
+        if self.velocity_change_m.finite() {
             let close_m = (flown_m - self.reach_m * T::of(Self::CLOSE)).max(T::zero());
             let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);
             self.tracking_m = (self.tracking_m + close_m).min(largest_m);
         }
-        // What is flown with the wind in another direction is no help on the way home.
+        // What is flown with the wind from another direction says nothing about the way to the
+        // destination.
         let home = destination - from;
         if way.dot(&home) >= flown_m * home.norm() * T::of(Self::HOMEWARD) {
             self.held_m = self.held_m.max(flown_m.min(self.most_m()));
         }
         let gains = flown_m > last_m + asked_m * T::of(Self::GAINS);
-        // Only a slot that asks for nearly everything shows what everything is.
+        // Only a slot that asks for nearly everything shows the limit.
         let asked_for_it = asked_m >= self.held_m.min(self.most_m()) * T::of(Self::DEMANDING);
         let falls_short = asked_for_it && flown_m < asked_m * T::of(Self::SHORT);
         if turned || gains || !falls_short {

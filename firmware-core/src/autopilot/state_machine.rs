@@ -1,4 +1,5 @@
-//! The phases of a flight: what each waits for, what it asks, and what follows.
+//! The phases of a flight: the condition that each waits for, its commands, and the phase that
+//! follows.
 //!
 //! ```text
 //! Connecting ─ Checking ─ Standby ─ TakingControl ─ Arming ─ TakingOff ─ Transit ─ Trial ─ Ready ─┐
@@ -7,61 +8,54 @@
 //!      from any phase in control: Released              └─ Landed or Failed
 //! ```
 
-use mavlink::dialects::common::MavResult;
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA, GPS_GLOBAL_ORIGIN_DATA,
+    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavResult, SYS_STATUS_DATA,
+};
 
-use super::command::{Outcome, Pending, Request};
+use super::client::Autopilot;
+use super::command::{CommandOutcome, Pending, Request};
 use super::event::Event;
-use super::failsafe::{Cause, Reaction};
-use super::guidance::Guide;
+use super::failsafe::Cause;
+use super::guidance::{Guide, Motion};
+use super::phase::{Obstacle, Phase};
 use super::profile::{Firmware, Mode};
-use super::telemetry::{Fix, Sample};
-use super::{Autopilot, LegEnd, Obstacle, Phase, Stream, Tick};
+use super::state::Stream;
+use super::telemetry::Sample;
+use super::wire::ekf_status_report;
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
 
-/// An accepted command whose effect does not show for this long is given again.
+/// The time after which an accepted command without a visible effect is repeated.
 const EFFECT_PATIENCE: Duration = Duration::from_secs(5);
-/// On the ground with motors turning for this long: we stop them ourselves.
+/// The time on the ground with motors turning after which the client stops them itself.
 const GROUND_PATIENCE: Duration = Duration::from_secs(5);
-/// The origin of the local frame is asked for this often.
+/// The interval between requests for the origin of the local frame.
 const ORIGIN_INTERVAL: Duration = Duration::from_secs(1);
-/// While something is missing, telemetry is asked for again after this.
+/// The time after which telemetry is requested again while something is missing.
 const RESUBSCRIBE: Duration = Duration::from_secs(10);
-/// The part of what a tick shows of the vehicle's lag that is believed.
-const LAG_GAIN: f64 = 0.2;
-/// The same where the vehicle is ahead of the reference: it flies too far then.
-const LEAD_GAIN: f64 = 0.5;
-/// The share of the acceleration up to which a leg ends cruising.
-const CRUISING: f64 = 0.1;
-/// The largest lag that is flown ahead by, s.
-const LAG_MOST_S: f64 = 0.15;
-/// Above this height over the start the vehicle counts as in the air, m.
+/// The height above the start above which the vehicle counts as airborne, m.
 const AIRBORNE_M: f64 = 1.0;
 
-const HEARTBEAT: u32 = 0;
-const LOCAL_POSITION_NED: u32 = 32;
-const SYS_STATUS: u32 = 1;
-const GPS_GLOBAL_ORIGIN: u32 = 49;
-const ESTIMATOR_STATUS: u32 = 230;
-const EKF_STATUS_REPORT: u32 = 193;
-const EXTENDED_SYS_STATE: u32 = 245;
-const CURRENT_MODE: u32 = 436;
-
 impl<T: Scalar> Autopilot<T> {
-    /// Telemetry that is asked for, one command after the other.
+    /// Returns the request for telemetry of a step. The requests are sent one after the other.
     fn subscription(&self, step: u8, firmware: Firmware) -> Option<Request> {
         let every = |message, interval| Some(Request::MessageInterval { message, interval });
         let half_second = Duration::from_millis(500);
         let fifth = Duration::from_millis(200);
         match step {
-            0 => every(LOCAL_POSITION_NED, self.settings.telemetry_interval),
-            1 if firmware == Firmware::ArduCopter => every(EKF_STATUS_REPORT, half_second),
-            1 => every(ESTIMATOR_STATUS, half_second),
-            2 => every(SYS_STATUS, half_second),
-            3 => every(EXTENDED_SYS_STATE, half_second),
-            // Tells a change of mode sooner, and survives a link that loses frames.
-            4 if firmware.sends_heartbeats_on_request() => every(HEARTBEAT, fifth),
-            4 => every(CURRENT_MODE, fifth),
+            0 => every(
+                LOCAL_POSITION_NED_DATA::ID,
+                self.settings.telemetry_interval,
+            ),
+            1 if firmware == Firmware::ArduCopter => every(ekf_status_report::ID, half_second),
+            1 => every(ESTIMATOR_STATUS_DATA::ID, half_second),
+            2 => every(SYS_STATUS_DATA::ID, half_second),
+            3 => every(EXTENDED_SYS_STATE_DATA::ID, half_second),
+            // Reports a change of mode sooner, and tolerates a link that loses frames.
+            4 if firmware.sends_heartbeats_on_request() => every(HEARTBEAT_DATA::ID, fifth),
+            4 => every(CURRENT_MODE_DATA::ID, fifth),
             _ => None,
         }
     }
@@ -75,13 +69,13 @@ impl<T: Scalar> Autopilot<T> {
             self.stream = None;
             self.launch = false;
         }
-        // A leg a second would drown the rest.
+        // One event per leg would hide the others.
         if !matches!(phase, Phase::Leg | Phase::LegEnded) {
             self.events.push(Event::Phase(phase));
         }
     }
 
-    /// Asks once, and again if the effect stays away.
+    /// Sends a command once, and again if it has no effect.
     fn ask(&mut self, now: Instant, request: Request) {
         let overdue = self
             .asked
@@ -92,7 +86,8 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Does what the time and the vehicle's state call for. Called before everything else.
+    /// Advances the state machine to the present time and state of the vehicle. Called before
+    /// everything else.
     pub(super) fn advance(&mut self, now: Instant) {
         let Some((_, firmware)) = self.vehicle else {
             return;
@@ -130,7 +125,7 @@ impl<T: Scalar> Autopilot<T> {
             }
             Phase::Trial => self.advance_trial(now),
             Phase::Leg => {
-                // No sample came from after the tick: the last one has to do.
+                // No sample was received from after the tick: the last one is used.
                 if let Some((leg, vehicle_now)) = self.leg.zip(self.vehicle_time(now))
                     && leg.final_sent
                     && vehicle_now >= leg.end + self.settings.sample_patience
@@ -153,7 +148,8 @@ impl<T: Scalar> Autopilot<T> {
             }
             Phase::Disarming => {
                 if self.telemetry.armed && self.is_airborne() {
-                    // The take-off that we broke off had begun: motors cannot stop up there.
+                    // The aborted take-off had already begun: the motors cannot be stopped in the
+                    // air.
                     match self.telemetry.mode {
                         Some(mode) if self.holds != Some(mode) => {
                             self.fail(now, Cause::ControlTaken(mode));
@@ -189,23 +185,23 @@ impl<T: Scalar> Autopilot<T> {
     fn check(&mut self, now: Instant, firmware: Firmware) {
         let obstacle = self.look_for_obstacle(now);
         if self.pending.is_none() {
-            while self.refused_telemetry & (1 << self.subscribed) != 0 {
-                self.subscribed += 1;
+            while self.requests.refused & (1 << self.requests.step) != 0 {
+                self.requests.step += 1;
             }
-            let next = self.subscription(self.subscribed, firmware);
+            let next = self.subscription(self.requests.step, firmware);
             if let Some(request) = next {
                 self.pending = Some(Pending::new(now, request));
-                self.subscribed += 1;
-                self.subscribed_at = now;
-            } else if obstacle.is_some() && now - self.subscribed_at > RESUBSCRIBE {
-                self.subscribed = 0;
-            } else if obstacle == Some(Obstacle::NoOrigin) && now >= self.origin_due {
-                // The answer is the message itself; an acknowledgement alone is not enough.
-                self.origin_due = now + ORIGIN_INTERVAL;
+                self.requests.step += 1;
+                self.requests.sent_at = now;
+            } else if obstacle.is_some() && now - self.requests.sent_at > RESUBSCRIBE {
+                self.requests.step = 0;
+            } else if obstacle == Some(Obstacle::NoOrigin) && now >= self.requests.origin_due {
+                // The answer is the message itself; an acknowledgement alone is not sufficient.
+                self.requests.origin_due = now + ORIGIN_INTERVAL;
                 self.pending = Some(Pending::new(
                     now,
                     Request::Message {
-                        message: GPS_GLOBAL_ORIGIN,
+                        message: GPS_GLOBAL_ORIGIN_DATA::ID,
                     },
                 ));
             }
@@ -224,7 +220,9 @@ impl<T: Scalar> Autopilot<T> {
             return;
         }
         match (self.phase, obstacle) {
-            (Phase::Checking, None) if self.pending.is_none() && self.reader.is_done(firmware) => {
+            (Phase::Checking, None)
+                if self.pending.is_none() && self.parameter_manager.is_done(firmware) =>
+            {
                 self.enter(now, Phase::Standby);
             }
             (Phase::Standby, Some(_)) => self.enter(now, Phase::Checking),
@@ -253,20 +251,20 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The vehicle stands on the ground: heights count from here.
+    /// Records the position of the vehicle on the ground, from which heights are measured.
     fn note_ground(&mut self) {
         if let Some(sample) = self.telemetry.sample {
-            self.ground_m = sample.altitude_m;
-            self.stood_outside_m = self.outside_fence_m();
+            self.site.altitude_m = sample.altitude_m;
+            self.site.outside_fence_m = self.outside_fence_m();
         }
     }
 
-    /// How high a sample is above the place of take-off, m.
-    fn height_m(&self, sample: &Sample<T>) -> T {
-        sample.altitude_m - self.ground_m
+    /// Returns the height of a sample above the place of take-off, m.
+    pub(super) fn height_m(&self, sample: &Sample<T>) -> T {
+        sample.altitude_m - self.site.altitude_m
     }
 
-    /// Streams a setpoint that stays where the vehicle is.
+    /// Starts to stream a setpoint at the vehicle's present position.
     fn hold_here(&mut self, now: Instant, on_ground: bool) {
         let Some(sample) = self.telemetry.sample else {
             return;
@@ -279,13 +277,14 @@ impl<T: Scalar> Autopilot<T> {
         self.stream = Some(Stream {
             guide: Guide::new(vehicle_now, place, self.limits, grace),
             due: now,
-            last: super::Motion::at_rest(place),
+            last: Motion::at_rest(place),
             // Until the climb begins, it has begun in the far future.
             climb: on_ground.then_some((Instant::from_micros(u64::MAX), height_m)),
         });
     }
 
-    /// The reference sets out for a place, to rest there. False where nothing is streamed.
+    /// Starts a transit of the reference to a place, where it comes to rest. Returns false where no
+    /// setpoints are streamed.
     pub(super) fn start_transit(&mut self, now: Instant, place: Position<T>) -> bool {
         let vehicle_now = self.vehicle_time(now);
         let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) else {
@@ -298,7 +297,7 @@ impl<T: Scalar> Autopilot<T> {
         true
     }
 
-    /// The reference has come to rest, and the vehicle is there.
+    /// Returns whether the reference has come to rest and the vehicle is at the place.
     pub(super) fn has_arrived_at(&self, now: Instant, place: Position<T>) -> bool {
         let vehicle_now = self.vehicle_time(now);
         let over = |s: &Stream<T>| vehicle_now.is_some_and(|now| now >= s.guide.end());
@@ -325,7 +324,7 @@ impl<T: Scalar> Autopilot<T> {
             self.enter(now, Phase::Transit);
         } else if firmware.takes_off_by_command() {
             let altitude_m = target.to_f64() as f32;
-            // A take-off that is under way is not asked for again: that would restart it.
+            // A take-off that has begun is not requested again: that would restart it.
             if self.flown {
                 self.pending = None;
             } else {
@@ -339,33 +338,34 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// A command was accepted, refused or never answered.
-    pub(super) fn command_over(&mut self, now: Instant, request: Request, outcome: Outcome) {
+    /// Processes the outcome of a command.
+    pub(super) fn command_over(&mut self, now: Instant, request: Request, outcome: CommandOutcome) {
         if !request.moves() {
-            // Telemetry that is missing shows in the checks. What was refused for good is not
-            // asked for again.
-            if let Outcome::Refused(answer) = outcome
+            // Missing telemetry is reported by the checks. What was refused for good is not
+            // requested again.
+            if let CommandOutcome::Refused(answer) = outcome
                 && answer != MavResult::MAV_RESULT_TEMPORARILY_REJECTED
                 && matches!(request, Request::MessageInterval { .. })
             {
-                self.refused_telemetry |= 1 << self.subscribed.saturating_sub(1);
+                self.requests.refused |= 1 << self.requests.step.saturating_sub(1);
             }
             return;
         }
         match outcome {
-            Outcome::Accepted => self.asked = Some((now, true)),
+            CommandOutcome::Accepted => self.asked = Some((now, true)),
             // Motors that stand still need no answer.
             _ if request == Request::Disarm && !self.telemetry.armed => {}
             _ => self.fail(now, Cause::CommandFailed),
         }
     }
 
-    /// A heartbeat of our autopilot: who has control?
+    /// Processes the mode of the autopilot, which tells who has control.
     pub(super) fn heartbeat_judged(&mut self, now: Instant, firmware: Firmware, mode: Mode) {
         let ours = firmware.control_mode();
         let landing = [firmware.land_mode(), firmware.return_mode()];
         if core::mem::take(&mut self.silent) && mode == ours {
-            // Heard again and still ours: end the flight, never go on with it.
+            // The autopilot is heard again and still in our mode: end the flight, never continue
+            // it.
             if matches!(self.phase, Phase::Arming | Phase::TakingOff) && !self.flown {
                 self.pending = None;
                 self.enter(now, Phase::Disarming);
@@ -375,7 +375,7 @@ impl<T: Scalar> Autopilot<T> {
         }
         match self.phase {
             Phase::TakingControl => {
-                // The mode is what counts; an acknowledgement can get lost.
+                // The mode decides; an acknowledgement can be lost.
                 let sent = self.pending.as_ref().is_none_or(Pending::was_sent);
                 if self.asked.is_some() && sent && mode == ours {
                     self.pending = None;
@@ -410,123 +410,8 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Something of the failsafe table has happened.
-    fn watch(&self, now: Instant) -> Option<Cause> {
-        let (watch, telemetry) = (&self.settings.watch, &self.telemetry);
-        let in_phase = now - self.phase_since;
-        let flying = self.phase.is_flying();
-        let starting = matches!(
-            self.phase,
-            Phase::TakingControl | Phase::Arming | Phase::TakingOff | Phase::Transit | Phase::Trial
-        );
-        let armed_by_us = flying
-            || matches!(
-                self.phase,
-                Phase::Arming | Phase::TakingOff | Phase::Landing | Phase::Disarming
-            );
-        if armed_by_us && !self.silent && self.is_link_silent(now) {
-            return Some(Cause::HeartbeatLost);
-        }
-        let concerned = armed_by_us || starting || self.launch;
-        if concerned && self.is_link_dead(now) {
-            return Some(Cause::LinkDead);
-        }
-        if self.silent {
-            return None;
-        }
-        // From the first setpoint on, which may be on the ground: without a position the stream
-        // that PX4 waits for stops, and so does the start.
-        if (flying || starting) && !self.knows_position(now) {
-            return Some(Cause::PositionLost);
-        }
-        let waited = matches!(self.phase, Phase::Checking) && self.launch;
-        if (starting || waited || self.phase == Phase::Ready) && in_phase > watch.stage {
-            return Some(Cause::StageTimedOut);
-        }
-        if !flying {
-            return None;
-        }
-        // A vehicle that took off outside the fence may come from there.
-        let mut margin_m = watch.fence_margin_m;
-        if matches!(self.phase, Phase::Transit | Phase::Trial) {
-            margin_m += self.stood_outside_m;
-        }
-        let outside =
-            self.settings
-                .geofence
-                .zip(telemetry.sample)
-                .is_some_and(|(fence, sample)| {
-                    !fence.contains(&sample.position, -margin_m)
-                        || self.height_m(&sample) > fence.ceiling_m + watch.fence_margin_m
-                });
-        let in_mission = matches!(self.phase, Phase::Leg | Phase::LegEnded);
-        let ground = watch
-            .ground
-            .zip(self.ground_heard)
-            .is_some_and(|(limit, heard)| in_mission && now - heard > limit);
-        let battery = telemetry
-            .battery_low_since
-            .is_some_and(|since| now - since > watch.battery);
-        if outside {
-            Some(Cause::FenceBreached)
-        } else if battery {
-            Some(Cause::BatteryLow)
-        } else if ground {
-            Some(Cause::GroundSilent)
-        } else if self.phase == Phase::LegEnded && in_phase > watch.overrun {
-            Some(Cause::SlotOverrun)
-        } else {
-            None
-        }
-    }
-
-    /// Does what the failsafe table says.
-    pub(super) fn fail(&mut self, now: Instant, cause: Cause) {
-        if self.phase.is_final() {
-            return;
-        }
-        let reaction = cause.row().reaction;
-        let ending = matches!(self.phase, Phase::Landing | Phase::Disarming);
-        // While landing, only what changes how it ends still counts.
-        if ending && reaction == Reaction::Land && cause != Cause::CommandFailed {
-            return;
-        }
-        self.fault.get_or_insert(cause);
-        self.events.push(Event::Failsafe { cause, reaction });
-        self.launch = false;
-        match reaction {
-            // Control that was never taken cannot be released.
-            Reaction::Release
-                if matches!(
-                    self.phase,
-                    Phase::Checking | Phase::Standby | Phase::TakingControl
-                ) =>
-            {
-                self.enter(now, Phase::Failed);
-            }
-            Reaction::Release => self.enter(now, Phase::Released),
-            Reaction::Silence => self.silent = true,
-            Reaction::Land if ending => self.enter(now, Phase::Failed),
-            Reaction::Land if self.phase.is_flying() || self.flown => {
-                self.start_landing(now, Request::Land);
-            }
-            // On the ground, but the motors may turn or be about to.
-            Reaction::Land if matches!(self.phase, Phase::Arming | Phase::TakingOff) => {
-                self.pending = None;
-                self.enter(now, Phase::Disarming);
-            }
-            Reaction::Land => self.enter(now, Phase::Failed),
-        }
-    }
-
-    pub(super) fn end_flight(&mut self, now: Instant, by: Request) {
-        self.advance(now);
-        if self.phase.is_flying() {
-            self.start_landing(now, by);
-        }
-    }
-
-    /// The vehicle has left the ground: it says so, or its height does.
+    /// Returns whether the vehicle has left the ground according to its own report, or else its
+    /// height.
     fn is_airborne(&self) -> bool {
         match self.telemetry.on_ground {
             Some(on_ground) => !on_ground,
@@ -537,7 +422,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    fn start_landing(&mut self, now: Instant, by: Request) {
+    pub(super) fn start_landing(&mut self, now: Instant, by: Request) {
         let vehicle_now = self.vehicle_time(now);
         if let Some((stream, vehicle_now)) = self.stream.as_mut().zip(vehicle_now) {
             stream.guide.stop(vehicle_now);
@@ -547,7 +432,8 @@ impl<T: Scalar> Autopilot<T> {
         self.enter(now, Phase::Landing);
     }
 
-    /// Whether a setpoint may go out now: never while we do not know where the vehicle is.
+    /// Returns whether a setpoint may be sent now: never while the position of the vehicle is
+    /// unknown.
     pub(super) fn may_stream(&self, now: Instant) -> bool {
         let Some((_, firmware)) = self.vehicle else {
             return false;
@@ -558,14 +444,14 @@ impl<T: Scalar> Autopilot<T> {
         let ours = Some(firmware.control_mode());
         let in_control = self.holds == ours && self.telemetry.mode == ours;
         match self.phase {
-            // The stream that must flow before control is given, and the climb it flies.
+            // The stream that must be sent before control is given, and the climb flown with it.
             Phase::TakingControl => firmware.stream_before_control() > Duration::ZERO,
             Phase::Arming | Phase::TakingOff => {
                 in_control && firmware.stream_before_control() > Duration::ZERO
             }
             phase if phase.is_flying() => in_control,
-            // Until the landing is accepted the reference comes to rest; not after a position
-            // that cannot be believed.
+            // Until the landing is accepted the reference comes to rest, but not after an
+            // implausible position.
             Phase::Landing => {
                 in_control
                     && self.asked.is_some_and(|(_, accepted)| !accepted)
@@ -578,118 +464,9 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// The latest position sample is not too old to go by.
-    fn knows_position(&self, now: Instant) -> bool {
+    /// Returns whether the latest position sample is recent enough.
+    pub(super) fn knows_position(&self, now: Instant) -> bool {
         self.telemetry.sample.is_some()
             && now - self.telemetry.sample_came <= self.settings.watch.position
-    }
-
-    /// A new sample: is it known where the vehicle was at the tick?
-    pub(super) fn judge_leg(&mut self, now: Instant) {
-        let Some(((leg, sample), (_, firmware))) =
-            self.leg.zip(self.telemetry.sample).zip(self.vehicle)
-        else {
-            return;
-        };
-        if self.phase != Phase::Leg {
-            return;
-        }
-        let known = if self.is_at_setpoints(firmware) {
-            // Not before the echo; the autopilot's clock may wrap.
-            let boot_ms = self.telemetry.boot_ms;
-            leg.final_sent
-                && leg
-                    .confirmed
-                    .is_some_and(|echo| boot_ms.wrapping_sub(echo) < u32::MAX / 2)
-        } else {
-            // A sample from after the tick counts even if we come too late with its setpoint.
-            sample.time >= leg.end
-        };
-        if known {
-            self.finish_leg(now);
-        }
-    }
-
-    /// The vehicle of the paper's kinematics: it is where its last setpoint says, and says so.
-    fn is_at_setpoints(&self, firmware: Firmware) -> bool {
-        firmware.confirms_setpoints() && self.limits.is_ideal()
-    }
-
-    fn finish_leg(&mut self, now: Instant) {
-        let at_setpoint = self
-            .vehicle
-            .is_some_and(|(_, firmware)| self.is_at_setpoints(firmware));
-        let Some((leg, latest)) = self.leg.as_mut().zip(self.telemetry.sample) else {
-            return;
-        };
-        let fix = if at_setpoint {
-            // Between setpoints such a vehicle does not move: there is nothing to interpolate.
-            let sample = Sample {
-                time: leg.end,
-                ..latest
-            };
-            Some(Fix {
-                sample,
-                extrapolated: leg.confirmed.is_none(),
-            })
-        } else {
-            self.telemetry.fix(leg.end)
-        };
-        let Some(Fix {
-            sample,
-            extrapolated,
-        }) = fix
-        else {
-            return;
-        };
-        let length = (leg.waypoint - leg.from).norm();
-        let flown = (sample.position - leg.from).norm();
-        let clock = &self.telemetry.clock;
-        leg.ended = Some(LegEnd {
-            sample,
-            missed_m: (sample.position - leg.waypoint).norm(),
-            tick: Tick {
-                time: leg.end,
-                lateness: clock
-                    .vehicle_time(now)
-                    .map_or(Duration::ZERO, |t| t - leg.end),
-                extrapolated,
-                clock_rate: clock.rate() as f32,
-            },
-        });
-        // Extrapolated places say nothing new, and an ideal vehicle has no lag.
-        if let Some(end) = leg.reference_end.filter(|_| !extrapolated && !at_setpoint) {
-            let speed_mps = end.velocity.norm();
-            // While it gathers speed or turns, or flies slowly, or its simulator stalls, other things
-            // decide where it is.
-            let stalled = self.telemetry.clock.last_stall() >= self.phase_since;
-            let cruises = end.acceleration.norm()
-                <= self.limits.acceleration_mps2 * T::of(CRUISING)
-                && speed_mps >= self.settings.transit_speed_mps * T::of(0.3)
-                && !stalled;
-            if core::mem::replace(&mut self.cruised, cruises) && cruises {
-                let behind = (end.position - sample.position).dot(&end.velocity);
-                let observed_s = behind / (speed_mps * speed_mps);
-                let most = T::of(LAG_MOST_S);
-                let error_s = observed_s - self.lag_s;
-                let gain = if error_s < T::zero() {
-                    LEAD_GAIN
-                } else {
-                    LAG_GAIN
-                };
-                let step = error_s * T::of(gain);
-                self.lag_s = (self.lag_s + step).min(most).max(-most);
-            }
-        }
-        let stuck = length > T::one() && flown < length * T::of(0.1);
-        self.ignored_legs = if stuck {
-            self.ignored_legs.saturating_add(1)
-        } else {
-            0
-        };
-        self.enter(now, Phase::LegEnded);
-        if self.ignored_legs >= self.settings.watch.ignored_legs {
-            self.fail(now, Cause::SetpointsIgnored);
-        }
     }
 }

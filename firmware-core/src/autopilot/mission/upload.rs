@@ -1,208 +1,22 @@
-//! The other way to fly a mission: hand the whole of it to the autopilot.
-//!
-//! [`MissionPlan`] says what the items are, without storing them; [`MissionUpload`] transfers
-//! them, reads them back, compares, and starts them if asked. A transfer that fails leaves the
-//! old mission or none: an autopilot may keep and fly half of what it got (ArduCopter does), so
-//! what is there after a failure is cleared, and it is checked that it is.
-//!
-//! ```text
-//! us:  COUNT ──────── ITEM k ──────────── REQUEST_LIST ──────── REQUEST_INT k ─────── ACK
-//! it:        REQUEST(_INT) k ...     ACK               COUNT                 ITEM k ...
-//! ```
+//! The transfer of a mission to an autopilot.
 
-// Autopilots still ask with the request that MAVLink has since deprecated.
+// Autopilots still use the request that MAVLink has since deprecated.
 #![allow(deprecated)]
 
 use mavlink::dialects::common::{
-    MISSION_ACK_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA,
-    MISSION_REQUEST_INT_DATA, MISSION_REQUEST_LIST_DATA, MavCmd, MavFrame, MavMessage,
-    MavMissionResult, MavMissionType,
+    MISSION_ACK_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA, MISSION_REQUEST_INT_DATA,
+    MISSION_REQUEST_LIST_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
 use thiserror::Error;
 
-use super::command::{Outcome, Patience, Pending, Request, Turn};
-use super::frames::{Geodetic, MapFrame};
-use super::profile::Firmware;
-use super::wire::Address;
-use crate::scalar::{Position, Scalar};
+use super::plan::{MissionPlan, PlanError};
+use crate::autopilot::command::{CommandOutcome, Patience, Pending, Request, Turn};
+use crate::autopilot::profile::Firmware;
+use crate::autopilot::wire::Address;
+use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
-/// How a mission ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ending {
-    /// Lands at the last way-point.
-    Land,
-    /// Returns to the place of take-off and lands there.
-    Return,
-}
-
-/// A mission as the autopilot is to have it.
-#[derive(Clone, Copy, Debug)]
-pub struct MissionPlan<'a, T: Scalar> {
-    /// Decides whether item 0 is the home position (ArduPilot) or the take-off (PX4).
-    pub firmware: Firmware,
-    /// Where the map lies.
-    pub map: MapFrame<T>,
-    /// Way-points, m.
-    pub waypoints: &'a [Position<T>],
-    /// Above the place of take-off, m.
-    pub altitude_m: T,
-    /// Along the way, m/s.
-    pub speed_mps: T,
-    /// What follows the last way-point.
-    pub ending: Ending,
-}
-
-/// A plan that cannot be uploaded.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum PlanError {
-    /// Nothing to fly.
-    #[error("the mission has no way-points")]
-    Empty,
-    /// More than the protocol can number.
-    #[error("the mission has {0} way-points; at most 65 000 can be uploaded")]
-    TooLong(usize),
-    /// A way-point has a coordinate that is not finite.
-    #[error("way-point {0} is not finite")]
-    NotFinite(usize),
-    /// The altitude or the speed is not finite, or not above zero.
-    #[error("{name} is {value}; it must be a number above 0")]
-    NotPositive {
-        /// Which of the two.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-    },
-}
-
-const LONGEST: usize = 65_000;
-
-impl<T: Scalar> MissionPlan<'_, T> {
-    fn check(&self) -> Result<(), PlanError> {
-        if self.waypoints.is_empty() {
-            return Err(PlanError::Empty);
-        }
-        if self.waypoints.len() > LONGEST {
-            return Err(PlanError::TooLong(self.waypoints.len()));
-        }
-        for (name, number) in [
-            ("altitude_m", self.altitude_m),
-            ("speed_mps", self.speed_mps),
-        ] {
-            if !(number.finite() && number > T::zero()) {
-                let value = number.to_f64();
-                return Err(PlanError::NotPositive { name, value });
-            }
-        }
-        let bad = |p: &Position<T>| !(p.x.finite() && p.y.finite());
-        match self.waypoints.iter().position(bad) {
-            Some(index) => Err(PlanError::NotFinite(index)),
-            None => Ok(()),
-        }
-    }
-
-    /// Items before the first way-point: home where there is one, take-off, speed.
-    fn lead(&self) -> u16 {
-        if self.firmware == Firmware::Px4 { 2 } else { 3 }
-    }
-
-    /// How many items there are.
-    pub fn count(&self) -> u16 {
-        // At most 65 004 by `check`.
-        self.lead() + self.waypoints.len() as u16 + 1
-    }
-
-    /// Item 0 belongs to the autopilot: it puts its home there.
-    fn is_home(&self, sequence: u16) -> bool {
-        sequence == 0 && self.firmware != Firmware::Px4
-    }
-
-    /// Item `sequence`, addressed to `to`; `None` past the end.
-    ///
-    /// Places are sent in the frame GLOBAL_RELATIVE_ALT; commands without a place in the frame
-    /// MISSION, with zero coordinates: PX4 refuses them in any other frame
-    /// (MAV_MISSION_UNSUPPORTED).
-    pub fn item(&self, sequence: u16, to: Address) -> Option<MISSION_ITEM_INT_DATA> {
-        use MavCmd as C;
-        let lead = self.lead();
-        let last = self.waypoints.len() - 1;
-        let index = usize::from(sequence.saturating_sub(lead)).min(last);
-        let mut parameters = [0.0; 4];
-        let command = if self.is_home(sequence) {
-            C::MAV_CMD_NAV_WAYPOINT
-        } else if sequence + 2 == lead {
-            C::MAV_CMD_NAV_TAKEOFF
-        } else if sequence + 1 == lead {
-            // Ground speed; the throttle stays as it is.
-            parameters = [1.0, self.speed_mps.to_f64() as f32, -1.0, 0.0];
-            C::MAV_CMD_DO_CHANGE_SPEED
-        } else if usize::from(sequence - lead) <= last {
-            C::MAV_CMD_NAV_WAYPOINT
-        } else if sequence + 1 == self.count() {
-            match self.ending {
-                Ending::Land => C::MAV_CMD_NAV_LAND,
-                Ending::Return => C::MAV_CMD_NAV_RETURN_TO_LAUNCH,
-            }
-        } else {
-            return None;
-        };
-        let has_place = !matches!(
-            command,
-            C::MAV_CMD_DO_CHANGE_SPEED | C::MAV_CMD_NAV_RETURN_TO_LAUNCH
-        );
-        let place = if has_place {
-            self.map.to_geodetic(self.waypoints[index])
-        } else {
-            Geodetic::default()
-        };
-        let z = match command {
-            C::MAV_CMD_NAV_LAND => 0.0,
-            _ if self.is_home(sequence) || !has_place => 0.0,
-            _ => self.altitude_m.to_f64() as f32,
-        };
-        let [param1, param2, param3, param4] = parameters;
-        Some(MISSION_ITEM_INT_DATA {
-            param1,
-            param2,
-            param3,
-            param4,
-            x: place.latitude_e7,
-            y: place.longitude_e7,
-            z,
-            seq: sequence,
-            command,
-            target_system: to.system,
-            target_component: to.component,
-            frame: if has_place {
-                MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT
-            } else {
-                MavFrame::MAV_FRAME_MISSION
-            },
-            current: 0,
-            autocontinue: 1,
-            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
-        })
-    }
-
-    /// Whether what was read back is what was meant. Places may be off by rounding, and an
-    /// autopilot may fill in places of commands that have none.
-    fn is_same(&self, got: &MISSION_ITEM_INT_DATA, to: Address) -> bool {
-        let Some(meant) = self.item(got.seq, to) else {
-            return false;
-        };
-        if self.is_home(got.seq) {
-            return true;
-        }
-        let near = |a: i32, b: i32| a.abs_diff(b) <= 2;
-        let placed = matches!(meant.command, MavCmd::MAV_CMD_NAV_WAYPOINT);
-        let place =
-            near(got.x, meant.x) && near(got.y, meant.y) && libm::fabsf(got.z - meant.z) <= 0.02;
-        let speed = meant.command != MavCmd::MAV_CMD_DO_CHANGE_SPEED || got.param2 == meant.param2;
-        got.command == meant.command && speed && (place || !placed)
-    }
-}
-
-/// Why an upload failed.
+/// Error returned when an upload has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum UploadError {
     /// The autopilot stopped answering.
@@ -211,39 +25,39 @@ pub enum UploadError {
     /// The autopilot refused the mission.
     #[error("the autopilot refused the mission ({0:?})")]
     Refused(MavMissionResult),
-    /// What it has is not what was sent.
+    /// An item that was read back differs from the one sent.
     #[error("item {0} read back differs from what was sent")]
     Different(u16),
-    /// It has another number of items.
+    /// The autopilot has another number of items.
     #[error("{got} items read back, {sent} were sent")]
     Count {
-        /// Read back.
+        /// The number of items read back.
         got: u16,
-        /// Sent.
+        /// The number of items sent.
         sent: u16,
     },
-    /// The caller cancelled.
+    /// The caller cancelled the upload.
     #[error("cancelled")]
     Cancelled,
-    /// The mission is there, but it was not started.
+    /// The mission was uploaded, but not started.
     #[error("the mission was uploaded, but {0} failed")]
     NotStarted(&'static str),
 }
 
-/// What is left on the autopilot after a failure.
+/// The mission that is on the autopilot after a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Left {
-    /// What was there before.
+    /// The old mission.
     Old,
-    /// Nothing: it was cleared, and the autopilot confirmed it.
+    /// None: it was cleared, and the autopilot confirmed that.
     Nothing,
-    /// The whole mission.
+    /// The complete new mission.
     Whole,
-    /// Not known: it could not be asked.
+    /// Unknown: the autopilot did not answer.
     Unknown,
 }
 
-/// How an upload ended.
+/// The outcome of an upload.
 pub type UploadOutcome = Result<(), (UploadError, Left)>;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -258,18 +72,22 @@ enum Stage {
     Over(UploadOutcome),
 }
 
-/// Without progress for this long a message is repeated.
+/// The time without progress after which a message is repeated.
 const ANSWER_TIME: Duration = Duration::from_millis(1_000);
+
 const ATTEMPTS: u8 = 8;
-/// The last item is sent this often before its effect is read back.
+
+/// The number of times that the last item is sent before its effect is read back.
 const LAST_ATTEMPTS: u8 = 4;
-/// An autopilot that has no space for a mission is asked again for this long: ArduCopter answers
-/// so for some 15 s after it has booted.
+
+/// The longest time for which the upload is offered again to an autopilot that has no space for a
+/// mission: ArduCopter answers so for some 15 s after it has booted.
 pub const SPACE_PATIENCE: Duration = Duration::from_secs(30);
-/// Time between two offers while it has no space.
+
+/// The time between two offers while the autopilot has no space.
 const OFFER_AGAIN: Duration = Duration::from_secs(1);
 
-/// A transfer under way; sans-IO like [`super::Autopilot`].
+/// A transfer of a mission; sans-IO like [`crate::autopilot::Autopilot`].
 #[derive(Clone, Debug)]
 pub struct MissionUpload<'a, T: Scalar> {
     plan: MissionPlan<'a, T>,
@@ -279,19 +97,19 @@ pub struct MissionUpload<'a, T: Scalar> {
     stage: Stage,
     due: Instant,
     attempts: u8,
-    /// The offer went out: the autopilot may have dropped the old mission for it.
+    /// The offer was sent: the autopilot may have dropped the old mission for it.
     touched: bool,
-    /// The last word to a read-back is still to be said.
+    /// The final acknowledgement of a read-back is still to be sent.
     farewell: bool,
     pending: Option<Pending>,
     patience: Patience,
-    /// When the autopilot first answered that it has no space for a mission.
+    /// The time at which the autopilot first answered that it has no space for a mission.
     no_space_since: Option<Instant>,
 }
 
 impl<'a, T: Scalar> MissionUpload<'a, T> {
-    /// A transfer of `plan` to the autopilot `to`, speaking as `own`; with `start` the mission
-    /// is flown as soon as it is there.
+    /// Creates a transfer of `plan` to the autopilot `to`, with messages sent as `own`. With
+    /// `start` the mission is flown as soon as it is uploaded.
     pub fn new(
         plan: MissionPlan<'a, T>,
         to: Address,
@@ -315,13 +133,13 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         })
     }
 
-    /// Whether the autopilot has answered that it has no space for a mission and is asked again,
-    /// for [`SPACE_PATIENCE`] at most.
+    /// Returns whether the autopilot has answered that it has no space for a mission and the upload
+    /// is offered again, for [`SPACE_PATIENCE`] at most.
     pub fn waits_for_space(&self) -> bool {
         self.stage == Stage::Offer && self.no_space_since.is_some()
     }
 
-    /// How it ended, once it has.
+    /// Returns the outcome, once the upload has ended.
     pub fn outcome(&self) -> Option<UploadOutcome> {
         match self.stage {
             Stage::Over(outcome) => Some(outcome),
@@ -329,7 +147,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         }
     }
 
-    /// Items that the autopilot has asked for, of how many.
+    /// Returns the number of items that the autopilot has requested, and the number of all items.
     pub fn progress(&self) -> (u16, u16) {
         let count = self.plan.count();
         let done = match self.stage {
@@ -340,7 +158,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         (done, count)
     }
 
-    /// Breaks it off; what was taken of ours is cleared.
+    /// Cancels the upload; items that were already accepted are cleared.
     pub fn cancel(&mut self, now: Instant) {
         self.fail(now, UploadError::Cancelled);
     }
@@ -354,7 +172,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
     fn fail(&mut self, now: Instant, error: UploadError) {
         match self.stage {
             Stage::Over(_) | Stage::Clear(_) | Stage::CheckCleared(_) => {}
-            // Refused at the door: nothing was touched.
+            // Refused at the first offer: nothing was changed.
             Stage::Offer if matches!(error, UploadError::Refused(_)) => {
                 self.stage = Stage::Over(Err((error, Left::Old)));
             }
@@ -363,8 +181,8 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         }
     }
 
-    /// The next message to send; call until `None`, and again within 50 ms or when something
-    /// was received.
+    /// Returns the next message to send. Call until `None`, and again within 50 ms or when
+    /// something was received.
     pub fn poll(&mut self, now: Instant) -> Option<MavMessage> {
         if core::mem::take(&mut self.farewell) {
             return Some(self.ack(MavMissionResult::MAV_MISSION_ACCEPTED));
@@ -375,7 +193,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         if now < self.due || matches!(self.stage, Stage::Over(_)) {
             return None;
         }
-        // The last acknowledgement is sent once and may be lost: look what is there instead.
+        // The last acknowledgement is sent once and may be lost: read the mission back instead.
         if self.stage == Stage::Serve(self.plan.count() - 1) && self.attempts >= LAST_ATTEMPTS {
             self.enter(now, Stage::ReadCount);
         }
@@ -437,7 +255,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         })
     }
 
-    /// Takes a message; only the autopilot's own count.
+    /// Processes a message; only messages of the autopilot are used.
     pub fn receive(&mut self, now: Instant, from: Address, message: &MavMessage) {
         use MavMessage as M;
         if from != self.to {
@@ -469,7 +287,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
             (M::MISSION_COUNT(c), Stage::CheckCleared(error))
                 if meant(c.target_system, c.target_component) =>
             {
-                // ArduPilot may keep its home as item 0.
+                // ArduPilot may keep its home position as item 0.
                 let left = if c.count <= 1 {
                     Left::Nothing
                 } else {
@@ -507,11 +325,11 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         }
     }
 
-    /// The autopilot asks for an item. Which one is its choice: it may ask again, or restart.
+    /// Sends the item that the autopilot requests. It may request an item again, or restart.
     fn serve(&mut self, now: Instant, sequence: u16) {
         let serving = matches!(self.stage, Stage::Offer | Stage::Serve(_));
         if serving && sequence < self.plan.count() {
-            // A repeated request counts as no progress.
+            // A repeated request does not count as progress.
             if self.stage == Stage::Serve(sequence) {
                 self.due = now;
             } else {
@@ -532,7 +350,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
                     self.fail(now, UploadError::Refused(result));
                 }
             }
-            // An early "accepted" would be half a mission.
+            // An early "accepted" would mean an incomplete mission.
             Stage::Serve(sequence) if accepted && sequence + 1 == self.plan.count() => {
                 self.enter(now, Stage::ReadCount);
             }
@@ -544,8 +362,8 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         }
     }
 
-    /// The commands that start a mission. ArduCopter takes off in AUTO only once it is armed,
-    /// and arms in GUIDED.
+    /// Returns the commands that start a mission. ArduCopter takes off in AUTO only once it is
+    /// armed, and arms in GUIDED.
     fn start_step(&self, step: u8) -> Option<Request> {
         let mode = match self.plan.firmware {
             Firmware::Px4 => self.plan.firmware.mission_mode(),
@@ -576,9 +394,9 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
         }
     }
 
-    fn step_over(&mut self, now: Instant, step: u8, outcome: Outcome) {
+    fn step_over(&mut self, now: Instant, step: u8, outcome: CommandOutcome) {
         let name = self.pending.take().map_or("", |p| p.request.name());
-        if outcome == Outcome::Accepted {
+        if outcome == CommandOutcome::Accepted {
             self.enter(now, Stage::Start(step + 1));
         } else {
             self.stage = Stage::Over(Err((UploadError::NotStarted(name), Left::Whole)));

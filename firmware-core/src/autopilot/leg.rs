@@ -1,0 +1,65 @@
+//! The flight of one slot and its end.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::phase::Phase;
+use super::telemetry::Sample;
+use crate::scalar::{Position, Scalar};
+use crate::time::{Duration, Instant};
+
+/// The flight of one slot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg<T: Scalar> {
+    /// The place to be at by the end, m.
+    pub waypoint: Position<T>,
+    /// The slot's end, in vehicle time.
+    pub end: Instant,
+}
+
+/// The end of a leg.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LegEnd<T: Scalar> {
+    /// The state of the vehicle at the tick.
+    pub sample: Sample<T>,
+    /// The distance from there to the waypoint, m.
+    pub missed_m: T,
+    /// The time of the end, and how it was determined.
+    pub tick: Tick,
+}
+
+/// The end of a slot, on the vehicle's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tick {
+    /// The time, on the vehicle's clock.
+    pub time: Instant,
+    /// How much later the position became known, in vehicle time.
+    pub lateness: Duration,
+    /// No sample was received in time: the position is extrapolated from the last one with its
+    /// velocity.
+    pub extrapolated: bool,
+    /// The estimated rate of the vehicle's clock, in its seconds per second of ours.
+    pub clock_rate: f32,
+}
+
+/// Error returned when a leg cannot be flown.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum LegError {
+    /// The vehicle is not ready for legs.
+    #[error("no leg can start while {0}")]
+    Phase(Phase),
+    /// The waypoint has a coordinate that is not finite.
+    #[error("the way-point is not finite")]
+    NotFinite,
+    /// The waypoint is outside the geofence.
+    #[error("the way-point ({x}, {y}) m lies outside the geofence")]
+    OutsideFence {
+        /// East, m.
+        x: f64,
+        /// North, m.
+        y: f64,
+    },
+    /// The vehicle's clock is not known yet.
+    #[error("the vehicle's clock is not known")]
+    NoClock,
+}

@@ -1,0 +1,18 @@
+//! Upload of a whole mission, which the autopilot then flies by itself.
+//!
+//! [`MissionPlan`] computes the mission items without storing them; [`MissionUpload`] transfers
+//! them, reads them back, compares them, and starts the mission if requested. After a failed
+//! transfer the autopilot has the old mission or none: an autopilot may keep and fly an incomplete
+//! mission (ArduCopter does), so the mission is cleared after a failure, and the client checks that
+//! it is.
+//!
+//! ```text
+//! us:  COUNT ──────── ITEM k ──────────── REQUEST_LIST ──────── REQUEST_INT k ─────── ACK
+//! it:        REQUEST(_INT) k ...     ACK               COUNT                 ITEM k ...
+//! ```
+
+mod plan;
+mod upload;
+
+pub use plan::{Ending, MissionPlan, PlanError};
+pub use upload::{Left, MissionUpload, SPACE_PATIENCE, UploadError, UploadOutcome};

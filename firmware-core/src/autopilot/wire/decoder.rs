@@ -1,0 +1,239 @@
+//! Bytes to frames.
+
+use mavlink::calculate_crc;
+use serde::{Deserialize, Serialize};
+
+use super::frame::Frame;
+use super::layout::{
+    self, CHECKSUM, HEADER, MAX_FRAME, SIGNATURE, SIGNED, START, checksum_seed, field,
+};
+use super::sequence_tracker::SequenceTracker;
+use super::signing::{Verdict, Verifier};
+use crate::counter::count;
+
+/// Counters of what a decoder has received. Each counter stays at its largest value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Frames with a correct checksum.
+    pub frames: u32,
+    /// Candidates with a wrong checksum.
+    pub bad_checksum: u32,
+    /// Frames of a message that is not in the dialect; their checksum cannot be verified.
+    pub unknown_message: u32,
+    /// Frames with an unknown incompatibility flag.
+    pub unknown_flags: u32,
+    /// Bytes that belonged to no frame.
+    pub skipped_bytes: u32,
+    /// Good frames that were dropped because they came twice or after a later one of the same
+    /// sender ([`Decoder::in_order`]).
+    pub out_of_order: u32,
+    /// Good frames without a signature where one is required.
+    pub unsigned: u32,
+    /// Good frames with a wrong signature.
+    pub bad_signature: u32,
+    /// Frames with a valid signature that are too old: a recording.
+    pub replayed: u32,
+}
+
+impl Counters {
+    /// Returns the number of good frames that were refused because of their signature, or because
+    /// they had none.
+    pub fn refused(&self) -> u32 {
+        [self.unsigned, self.bad_signature, self.replayed]
+            .into_iter()
+            .fold(0, u32::saturating_add)
+    }
+}
+
+/// Finds frames in a stream of bytes.
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    buffer: [u8; MAX_FRAME],
+    /// The number of bytes held.
+    length: usize,
+    /// The number of bytes at the front that were yielded or refused and are removed by the next
+    /// call.
+    spent: usize,
+    pub(super) counters: Counters,
+    sequences: Option<SequenceTracker>,
+    verifier: Option<Verifier>,
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What the bytes at the front of the buffer are.
+enum Candidate {
+    /// Too short to tell.
+    Incomplete,
+    /// A good frame of this length.
+    Frame(usize),
+    /// Not a frame: drop this many bytes.
+    Drop(usize),
+}
+
+impl Decoder {
+    /// Creates an empty decoder.
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; MAX_FRAME],
+            length: 0,
+            spent: 0,
+            counters: Counters {
+                frames: 0,
+                bad_checksum: 0,
+                unknown_message: 0,
+                unknown_flags: 0,
+                skipped_bytes: 0,
+                out_of_order: 0,
+                unsigned: 0,
+                bad_signature: 0,
+                replayed: 0,
+            },
+            sequences: None,
+            verifier: None,
+        }
+    }
+
+    /// Creates an empty decoder that drops frames which come twice, or after a later frame of the
+    /// same sender. A receiver that derives a vehicle's state from the frames needs this.
+    pub const fn in_order() -> Self {
+        let mut decoder = Self::new();
+        decoder.sequences = Some(SequenceTracker::new());
+        decoder
+    }
+
+    /// Accepts only frames with a valid signature from now on.
+    pub fn require_signatures(&mut self, verifier: Verifier) {
+        self.verifier = Some(verifier);
+    }
+
+    /// Returns the verifier of signatures, for example to set its clock.
+    pub fn verifier_mut(&mut self) -> Option<&mut Verifier> {
+        self.verifier.as_mut()
+    }
+
+    /// Returns the counters of what was received so far.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Takes bytes from the front of `input` until a frame is complete, and returns that frame;
+    /// returns `None` when the input is used up. Call until `None`. Each input byte is looked at a
+    /// bounded number of times (at most the length of a frame, in noise made of start bytes).
+    pub fn next_frame(&mut self, input: &mut &[u8]) -> Option<Frame<'_>> {
+        loop {
+            self.discard_spent();
+            match self.candidate() {
+                Candidate::Frame(length) => {
+                    count(&mut self.counters.frames);
+                    self.spent = length;
+                    return Some(Frame::new(&self.buffer[..length]));
+                }
+                Candidate::Drop(count) => self.spent = count,
+                Candidate::Incomplete => {
+                    let count = input.len().min(MAX_FRAME - self.length);
+                    if count == 0 {
+                        return None;
+                    }
+                    let (head, tail) = input.split_at(count);
+                    self.buffer[self.length..self.length + count].copy_from_slice(head);
+                    self.length += count;
+                    *input = tail;
+                }
+            }
+        }
+    }
+
+    /// Marks the end of a datagram: the bytes that are still held can no longer become a frame.
+    /// Returns the frames that are hidden in them behind a false start byte; call until `None`.
+    pub fn end_of_datagram(&mut self) -> Option<Frame<'_>> {
+        loop {
+            self.discard_spent();
+            if self.length == 0 {
+                return None;
+            }
+            match self.candidate() {
+                Candidate::Frame(length) => {
+                    count(&mut self.counters.frames);
+                    self.spent = length;
+                    return Some(Frame::new(&self.buffer[..length]));
+                }
+                Candidate::Drop(count) => self.spent = count,
+                Candidate::Incomplete => {
+                    count(&mut self.counters.skipped_bytes);
+                    self.spent = 1;
+                }
+            }
+        }
+    }
+
+    fn discard_spent(&mut self) {
+        let spent = core::mem::take(&mut self.spent);
+        if spent > 0 {
+            self.buffer.copy_within(spent..self.length, 0);
+            self.length -= spent;
+        }
+    }
+
+    fn candidate(&mut self) -> Candidate {
+        let held = &self.buffer[..self.length];
+        if held.is_empty() {
+            return Candidate::Incomplete;
+        }
+        if held[field::START] != START {
+            let noise = held.iter().position(|&b| b == START).unwrap_or(held.len());
+            self.counters.skipped_bytes = self.counters.skipped_bytes.saturating_add(noise as u32);
+            return Candidate::Drop(noise);
+        }
+        if held.len() < HEADER {
+            return Candidate::Incomplete;
+        }
+        let flags = held[field::INCOMPATIBILITY_FLAGS];
+        if flags & !SIGNED != 0 {
+            count(&mut self.counters.unknown_flags);
+            return Candidate::Drop(1);
+        }
+        let payload = usize::from(held[field::LENGTH]);
+        let signature = if flags & SIGNED != 0 { SIGNATURE } else { 0 };
+        let whole = HEADER + payload + CHECKSUM + signature;
+        if held.len() < whole {
+            return Candidate::Incomplete;
+        }
+        let Some(seed) = checksum_seed(layout::message_id(held)) else {
+            // Autopilots send many messages of their own dialects: skip the whole frame.
+            count(&mut self.counters.unknown_message);
+            return Candidate::Drop(whole);
+        };
+        let checksum = calculate_crc(&held[field::checked(payload)], seed);
+        if held[field::checksum(payload)] == checksum.to_le_bytes() {
+            let frame = Frame::new(&held[..whole]);
+            if let Some(verifier) = &mut self.verifier {
+                let refused = match verifier.verify(&frame) {
+                    Verdict::Valid => None,
+                    Verdict::Unsigned => Some(&mut self.counters.unsigned),
+                    Verdict::Wrong => Some(&mut self.counters.bad_signature),
+                    Verdict::Replayed => Some(&mut self.counters.replayed),
+                };
+                if let Some(counter) = refused {
+                    count(counter);
+                    return Candidate::Drop(whole);
+                }
+            }
+            if let Some(sequences) = &mut self.sequences
+                && sequences.is_late(frame.sender(), frame.sequence())
+            {
+                count(&mut self.counters.out_of_order);
+                return Candidate::Drop(whole);
+            }
+            Candidate::Frame(whole)
+        } else {
+            // The start byte may have been payload: look for the next one inside.
+            count(&mut self.counters.bad_checksum);
+            Candidate::Drop(1)
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Errors for input that is not a slot problem.
+
+use core::fmt;
+
+use crate::{scalar::Scalar, units::PowerGain};
+
+/// Error returned for input that is not a slot problem.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SlotError<T: fmt::Display> {
+    /// There are no sensors to average.
+    #[error("sensor_gain is empty, but at least one sensor must be averaged")]
+    NoSensors,
+    /// A sensor's gain is NaN, infinite or negative.
+    #[error("sensor_gain[{index}] is {value}, but must be a finite power gain of at least 0")]
+    SensorGain {
+        /// Which sensor.
+        index: usize,
+        /// Its gain.
+        value: T,
+    },
+    /// The user's gain is NaN, infinite or negative.
+    #[error("user_gain is {value}, but must be a finite power gain of at least 0")]
+    UserGain {
+        /// The gain.
+        value: T,
+    },
+    /// A limit is out of its range.
+    #[error("{field} is {value}, but must be {expected}")]
+    OutOfRange {
+        /// The name of the limit.
+        field: &'static str,
+        /// The invalid value.
+        value: T,
+        /// The valid range.
+        expected: &'static str,
+    },
+    /// The workspace is too small.
+    #[error("{sensors} sensors do not fit into room for {capacity}")]
+    TooManySensors {
+        /// `J`, the number of sensors.
+        sensors: usize,
+        /// The capacity of the workspace.
+        capacity: usize,
+    },
+}
+
+impl<T: Scalar> SlotError<T> {
+    /// Returns the gain of the user to serve, 0 for nobody, or an error if the gain is invalid.
+    pub(super) fn check_user(user: Option<PowerGain<T>>) -> Result<PowerGain<T>, Self> {
+        match user {
+            Some(gain) if !gain.is_valid() => Err(Self::UserGain { value: gain.0 }),
+            Some(gain) => Ok(gain),
+            None => Ok(PowerGain(T::zero())),
+        }
+    }
+}
+
+/// Checks the gains of all sensors.
+pub(super) fn check_gains<T: Scalar>(
+    mut sensor_gains: impl Iterator<Item = PowerGain<T>>,
+) -> Result<(), SlotError<T>> {
+    let mut numbered = (0..).zip(sensor_gains.by_ref());
+    match numbered.find(|(_, gain)| !gain.is_valid()) {
+        Some((index, gain)) => Err(SlotError::SensorGain {
+            index,
+            value: gain.0,
+        }),
+        None => Ok(()),
+    }
+}

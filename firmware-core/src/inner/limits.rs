@@ -1,0 +1,98 @@
+//! The limits of a slot.
+
+use serde::{Deserialize, Serialize};
+
+use super::error::SlotError;
+use crate::{mission::Mission, scalar::Scalar, units::Watt};
+
+/// The limits of a slot, which do not depend on the channel: the mission's powers, noise and
+/// threshold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SlotLimits<T> {
+    /// `p_b^max`.
+    pub sensor_power_max: Watt<T>,
+    /// `p^max`.
+    pub user_power_max: Watt<T>,
+    /// `sigma^2`, above 0.
+    pub noise_power: Watt<T>,
+    /// `Gamma`, above 0 and below `1/J`.
+    pub mse_threshold: T,
+}
+
+impl<T: Scalar> SlotLimits<T> {
+    /// Returns the limits of a mission.
+    pub fn of_mission<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        let p = mission.parameters();
+        Self {
+            sensor_power_max: p.sensor_power_max,
+            user_power_max: p.user_power_max,
+            noise_power: p.noise_power,
+            mse_threshold: p.mse_threshold,
+        }
+    }
+
+    /// Returns `kappa = J (1 - J Gamma)`: with the best `eta`, `MSE <= Gamma` is `A^2 >= kappa (q +
+    /// E)`.
+    pub fn kappa(&self, sensors: usize) -> T {
+        let sensors = T::count(sensors);
+        sensors * (T::one() - sensors * self.mse_threshold)
+    }
+
+    /// Returns the same limits with `Gamma` a few units in the last place lower. Solutions aim at
+    /// these, so that rounding does not take the MSE over `Gamma`. This costs less than 1e-5 of the
+    /// rate in single precision.
+    pub(super) fn aim(&self) -> Self {
+        let margin = T::EPSILON * T::of(8.0);
+        Self {
+            mse_threshold: self.mse_threshold * (T::one() - margin),
+            ..*self
+        }
+    }
+
+    /// Returns the largest coefficient `b` with `b^2 <= p_b^max`, exactly: the square of the
+    /// rounded square root may exceed `p_b^max`.
+    pub fn coefficient_max(&self) -> T {
+        let root = self.sensor_power_max.0.sqrt();
+        // The fused operation rounds once, after the sum: the sign is that of the exact difference.
+        if root.mul_add(root, -self.sensor_power_max.0) > T::zero() {
+            root.next_below()
+        } else {
+            root
+        }
+    }
+
+    pub(super) fn check(&self, sensors: usize) -> Result<(), SlotError<T>> {
+        let not_negative = |field, value: T| {
+            if value.finite() && value >= T::zero() {
+                return Ok(());
+            }
+            let expected = "a finite power of at least 0 W";
+            Err(SlotError::OutOfRange {
+                field,
+                value,
+                expected,
+            })
+        };
+        not_negative("sensor_power_max", self.sensor_power_max.0)?;
+        not_negative("user_power_max", self.user_power_max.0)?;
+        if !(self.noise_power.0.finite() && self.noise_power.0 > T::zero()) {
+            return Err(SlotError::OutOfRange {
+                field: "noise_power",
+                value: self.noise_power.0,
+                expected: "a finite power above 0 W",
+            });
+        }
+        if sensors == 0 {
+            return Err(SlotError::NoSensors);
+        }
+        let threshold = self.mse_threshold;
+        if !(threshold.finite() && threshold > T::zero() && self.kappa(sensors) > T::zero()) {
+            return Err(SlotError::OutOfRange {
+                field: "mse_threshold",
+                value: threshold,
+                expected: "above 0 and below 1/J: from there on an all-zero estimate is accurate enough and no sensor would transmit",
+            });
+        }
+        Ok(())
+    }
+}

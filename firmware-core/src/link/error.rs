@@ -1,0 +1,35 @@
+//! The errors of the ground link.
+
+use super::message::PROTOCOL_VERSION;
+
+/// Error returned when the buffer for a frame is too small.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a frame does not fit into {capacity} bytes")]
+pub struct FrameTooLong {
+    /// The size of the buffer, bytes.
+    pub capacity: usize,
+}
+
+/// Error returned when the bytes between two delimiters are not a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FrameError {
+    /// Longer than any frame.
+    #[error("longer than any frame")]
+    TooLong,
+    /// Not COBS, or too short to hold a version and a CRC.
+    #[error("not a frame")]
+    Malformed,
+    /// The CRC does not match.
+    #[error("checksum does not match")]
+    Checksum,
+    /// The frame has another protocol version.
+    #[error("protocol version {got}, but this is {PROTOCOL_VERSION}")]
+    Version {
+        /// The version of the frame.
+        got: u8,
+    },
+    /// The frame is correct, but its message cannot be decoded, for example because it has too many
+    /// gains.
+    #[error("not a message of this protocol")]
+    Message,
+}

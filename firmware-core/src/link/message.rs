@@ -1,0 +1,70 @@
+//! The messages of the ground link, and the length of their frames.
+
+use serde::{Deserialize, Serialize};
+
+use super::status::VehicleStatus;
+use crate::{
+    SENSORS_MAX, USERS_MAX,
+    autopilot::Tick,
+    controller::{ChannelState, Plan, SlotCommand},
+    scalar::{Position, Scalar},
+};
+
+/// The protocol version of this crate. Any change of a message needs a new version.
+pub const PROTOCOL_VERSION: u8 = 3;
+
+/// The longest frame at the default capacities, in double precision.
+pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
+
+/// Returns the length of the longest frame for up to so many users and sensors, in double
+/// precision, delimiters included. Whether every message fits is checked at compile time: see
+/// [`encode`](super::encode).
+pub const fn frame_max(users: usize, sensors: usize) -> usize {
+    // postcard: integers in groups of 7 bits, enumerations and lengths as integers.
+    const REAL: usize = 8;
+    const U8: usize = 1;
+    const U16: usize = 3;
+    const U32: usize = 5;
+    const U64: usize = 10;
+    const INDEX: usize = 10;
+    const LENGTH: usize = 3;
+    const fn larger(a: usize, b: usize) -> usize {
+        if a > b { a } else { b }
+    }
+    let state = U32 + LENGTH + users * REAL + LENGTH + sensors * REAL;
+    let tick = 2 * U64 + U8 + REAL / 2;
+    let arrival = (U32 + 2 * REAL + INDEX + 4 * U8) + 2 * REAL + tick;
+    let reals = LENGTH + sensors * REAL + 4 * REAL;
+    let command = U32 + (U8 + INDEX) + reals + (U8 + REAL) + U8 + U32 + 2 * U16;
+    let status = VehicleStatus::COUNTERS * U32;
+    let message = U8 + larger(larger(state, arrival), larger(command, status));
+    let plain = 1 + message + 4;
+    1 + cobs::max_encoding_length(plain) + 1
+}
+
+/// A message between the ground and the vehicle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+#[allow(clippy::large_enum_variant)] // no allocator: every message has the size of the largest
+pub enum Message<T: Scalar, const M: usize, const J: usize> {
+    /// To the vehicle: the channels of a slot, measured at the reported position.
+    ChannelState(ChannelState<T, M, J>),
+    /// To the ground: a slot has been flown; its channels are to be measured.
+    Arrival(Arrival<T>),
+    /// To the ground: the transmissions of users and sensors in a slot.
+    Command(SlotCommand<T, J>),
+    /// To the ground, after every slot: the state of the vehicle.
+    Status(VehicleStatus),
+}
+
+/// Reports that the vehicle is at the end of a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct Arrival<T: Scalar> {
+    /// The plan of the slot: number, waypoint, user.
+    pub plan: Plan<T>,
+    /// The measured position of the vehicle at the tick, metres.
+    pub position: Position<T>,
+    /// The time at which the slot ended, on the vehicle's clock, and how it was determined.
+    pub tick: Tick,
+}

@@ -1,0 +1,136 @@
+//! The errors of a mission, which name the parameter and its value.
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// The parameter that an error concerns. [`fmt::Display`] prints its name in the scenario file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Parameter {
+    /// `N`, the number of slots.
+    Slots,
+    /// `delta`, the duration of a slot.
+    SlotDuration,
+    /// `q_o`, the start.
+    Start,
+    /// `q_f`, the destination.
+    Destination,
+    /// `Lambda`, the area.
+    Area,
+    /// `H`, the altitude.
+    Altitude,
+    /// `V_max`, the largest speed.
+    MaxSpeed,
+    /// `f_c`, the carrier frequency.
+    Carrier,
+    /// `sigma^2`, the noise power.
+    NoisePower,
+    /// `A` of eq:plos.
+    EnvironmentA,
+    /// `B` of eq:plos.
+    EnvironmentB,
+    /// `mu_LoS`, the excess loss with line of sight.
+    ExcessLossLos,
+    /// `mu_NLoS`, the excess loss without line of sight.
+    ExcessLossNlos,
+    /// `Gamma`, the largest admissible MSE.
+    MseThreshold,
+    /// `p_b^max`, the peak power of a sensor.
+    SensorPowerMax,
+    /// `p^max`, the peak power of a user.
+    UserPowerMax,
+    /// `u_m`, the position of the user with this index.
+    UserPosition(usize),
+    /// `v_j`, the position of the sensor with this index.
+    SensorPosition(usize),
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = match self {
+            Self::Slots => "mission.slots",
+            Self::SlotDuration => "mission.slot_duration_s",
+            Self::Start => "mission.start_m",
+            Self::Destination => "mission.destination_m",
+            Self::Area => "mission.area_m",
+            Self::Altitude => "mission.altitude_m",
+            Self::MaxSpeed => "mission.max_speed_mps",
+            Self::Carrier => "radio.carrier_hz",
+            Self::NoisePower => "radio.noise_dbm",
+            Self::EnvironmentA => "radio.environment.a",
+            Self::EnvironmentB => "radio.environment.b",
+            Self::ExcessLossLos => "radio.excess_loss_db.los",
+            Self::ExcessLossNlos => "radio.excess_loss_db.nlos",
+            Self::MseThreshold => "aircomp.mse_threshold",
+            Self::SensorPowerMax => "aircomp.sensor_power_max_w",
+            Self::UserPowerMax => "users.power_max_w",
+            Self::UserPosition(index) => return write!(f, "users.positions_m[{index}]"),
+            Self::SensorPosition(index) => return write!(f, "sensors.positions_m[{index}]"),
+        };
+        f.write_str(name)
+    }
+}
+
+/// Error returned when the mission is invalid. Every variant carries the invalid value.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum MissionError<T: fmt::Display> {
+    /// A number is NaN, infinite or outside its range.
+    #[error("{parameter} is {value}, but must be {expected}")]
+    OutOfRange {
+        /// The parameter.
+        parameter: Parameter,
+        /// The invalid value.
+        value: T,
+        /// The valid values, as text.
+        expected: &'static str,
+    },
+    /// A place is not finite or lies outside the area.
+    #[error(
+        "{parameter} is [{east_m}, {north_m}], but must lie in the area \
+         [0, {area_east_m}] x [0, {area_north_m}] (metres)"
+    )]
+    OutsideArea {
+        /// The parameter.
+        parameter: Parameter,
+        /// East of the origin, metres.
+        east_m: T,
+        /// North of the origin, metres.
+        north_m: T,
+        /// The area's extent to the east, metres.
+        area_east_m: T,
+        /// The area's extent to the north, metres.
+        area_north_m: T,
+    },
+    /// There are no users.
+    #[error("users.positions_m is empty, but at least one user must be served")]
+    NoUsers,
+    /// There are no sensors.
+    #[error("sensors.positions_m is empty, but at least one sensor must be averaged")]
+    NoSensors,
+    /// `Gamma >= 1/J`: an estimate of constant zero would meet the threshold, so sensors would stay
+    /// silent and AirComp would carry no data.
+    #[error(
+        "aircomp.mse_threshold is {value}, but must be below 1/J = {limit} \
+         (J = {sensors} sensors): at or above it an all-zero estimate is accurate enough \
+         and no sensor would transmit"
+    )]
+    MseThresholdTooLoose {
+        /// `Gamma`.
+        value: T,
+        /// `1/J`.
+        limit: T,
+        /// `J`.
+        sensors: usize,
+    },
+    /// The destination is further away than `(N + 1) V_max delta`.
+    #[error(
+        "mission.destination_m is {distance_m} m from mission.start_m, but must be within {reach_m} m: \
+         (slots + 1) x max_speed_mps x slot_duration_s"
+    )]
+    DestinationOutOfReach {
+        /// From start to destination, metres.
+        distance_m: T,
+        /// The distance that the mission can cover, metres.
+        reach_m: T,
+    },
+}

@@ -1,0 +1,88 @@
+//! The unchecked parameters of a mission.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    scalar::{Position, Scalar},
+    units::Watt,
+};
+
+/// The rectangle `Lambda = [0, east] x [0, north]`, metres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Area<T> {
+    /// Extent to the east, metres.
+    pub east_m: T,
+    /// Extent to the north, metres.
+    pub north_m: T,
+}
+
+impl<T: Scalar> Area<T> {
+    /// Returns whether a place lies in the area, its border included.
+    pub fn contains(&self, place: &Position<T>) -> bool {
+        let within = |value: T, extent: T| value >= T::zero() && value <= extent;
+        within(place.x, self.east_m) && within(place.y, self.north_m)
+    }
+}
+
+/// The unchecked parameters of a mission. Units are metres, seconds, watts, hertz and decibels.
+///
+/// `M` is the capacity for users, `J` the capacity for sensors; the mission's own numbers of users
+/// and sensors are the lengths of the two vectors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct MissionParameters<T: Scalar, const M: usize, const J: usize> {
+    /// `N`, the number of slots.
+    pub slots: u32,
+    /// `delta`, the duration of a slot, seconds.
+    pub slot_duration_s: T,
+    /// `q_o`, the start of the mission.
+    pub start: Position<T>,
+    /// `q_f`, the destination of the mission.
+    pub destination: Position<T>,
+    /// `Lambda`, the area that the vehicle never leaves.
+    pub area: Area<T>,
+    /// `H`, metres.
+    pub altitude_m: T,
+    /// `V_max`, metres per second.
+    pub max_speed_mps: T,
+    /// `f_c`, hertz.
+    pub carrier_hz: T,
+    /// The environment's `A` and `B` of eq:plos.
+    pub environment: Environment<T>,
+    /// The excess losses of eq:gain.
+    pub excess_loss_db: ExcessLoss<T>,
+    /// `sigma^2`, watts.
+    pub noise_power: Watt<T>,
+    /// `Gamma`, the largest admissible MSE of the average, dimensionless.
+    pub mse_threshold: T,
+    /// `p^max`, the peak power of a user, watts.
+    pub user_power_max: Watt<T>,
+    /// `p_b^max`, the peak power of a sensor, watts: `|b_j|^2 <= p_b^max`.
+    pub sensor_power_max: Watt<T>,
+    /// `u_m`, the positions of the users.
+    pub users: Vec<Position<T>, M>,
+    /// `v_j`, the positions of the sensors.
+    pub sensors: Vec<Position<T>, J>,
+}
+
+/// `A` and `B` of eq:plos; `A` is also the elevation (degrees) around which the probability of
+/// line of sight changes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Environment<T> {
+    /// `A`.
+    pub a: T,
+    /// `B`, per degree.
+    pub b: T,
+}
+
+/// `mu_LoS` and `mu_NLoS` of eq:gain, decibels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExcessLoss<T> {
+    /// The loss with line of sight.
+    pub los: T,
+    /// The loss without line of sight.
+    pub nlos: T,
+}

@@ -1,0 +1,353 @@
+//! The planner: a plan for the rest of a mission, improved while there is time.
+
+use heapless::Vec;
+
+use super::{
+    memory::{Capacity, Memory, Parts},
+    route::Route,
+    search::Search,
+    service::{is_fair, reduce_to, serve_in_turn},
+    settings::PlannerSettings,
+};
+use crate::{
+    mission::Mission,
+    policy::{Action, Observation, Policy},
+    scalar::{Displacement, Position, Scalar},
+};
+
+/// Error returned when a planner cannot be created for a mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlannerError {
+    /// The mission exceeds the capacity.
+    #[error("the mission has {got} {what}, but the planner holds at most {capacity}")]
+    TooLarge {
+        /// `slots` or `users`.
+        what: &'static str,
+        /// How many the mission has.
+        got: usize,
+        /// The capacity of the planner.
+        capacity: usize,
+    },
+    /// The memory is smaller than the capacity needs.
+    #[error("the planner needs {needed} {what} of memory, but was given {got}")]
+    TooLittleMemory {
+        /// `numbers` or `bytes`.
+        what: &'static str,
+        /// How many the capacity needs.
+        needed: usize,
+        /// How many there are.
+        got: usize,
+    },
+}
+
+/// The result of a call of [`Planner::advance`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// The number of operations that were carried out.
+    pub operations: u64,
+    /// Whether nothing is left to do: more calls change nothing.
+    pub finished: bool,
+}
+
+/// The state of a mission from which the rest is planned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlannerState<'a, T: Scalar> {
+    /// The coming slot, 1 to `N`; beyond `N` nothing is left to plan.
+    pub slot: u32,
+    /// The measured position, metres. Outside the area, plans start at the nearest place in it;
+    /// where it is not finite, at the position known before.
+    pub position: Position<T>,
+    /// Slots that each user has been served so far; users without an entry have none.
+    pub counts: &'a [u32],
+    /// The distance that the vehicle can fly in a slot now, metres. At most `V_max delta`; anything
+    /// that is not a number above 0 counts as `V_max delta`.
+    pub reach_m: T,
+}
+
+/// A plan for the rest of a mission, and the state of the search that improves it. See the
+/// [module](super).
+///
+/// `M` is the capacity for users, `J` for sensors. The planner uses the memory `S`, of the size
+/// that [`Capacity`] states, and about 6 KiB of its own in single precision at the default
+/// capacities.
+#[derive(Clone, Debug)]
+pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
+    search: Search<T, M, J>,
+    memory: S,
+    /// The coming slot.
+    slot: u32,
+    counts: Vec<u32, M>,
+    reach_m: T,
+    /// Operations that [`Policy::decide`] may spend.
+    operations_per_slot: u64,
+}
+
+impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J> {
+    /// Creates a planner for a whole mission. Its plan is the straight line until
+    /// [`advance`](Self::advance) is called.
+    ///
+    /// # Errors
+    /// Returns an error if the mission exceeds the capacity, or if the memory is smaller than the
+    /// capacity needs.
+    pub fn new(
+        mission: &Mission<T, M, J>,
+        capacity: Capacity,
+        memory: S,
+    ) -> Result<Self, PlannerError> {
+        let mut capacity = capacity;
+        capacity.nodes = capacity.nodes.max(4);
+        capacity.stages = capacity.stages.max(1);
+        let start = mission.parameters().start;
+        let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
+        let route = Route::new(mission, start, slots, reach_m);
+        let mut planner = Self {
+            search: Search::new(mission, capacity, PlannerSettings::default(), route),
+            memory,
+            slot: 1,
+            counts: Vec::new(),
+            reach_m,
+            operations_per_slot: 0,
+        };
+        planner.check(mission)?;
+        let (values, bytes) = planner.memory.parts();
+        for (what, needed, got) in [
+            ("numbers", capacity.values(), values.len()),
+            ("bytes", capacity.indices(), bytes.len()),
+        ] {
+            if got < needed {
+                return Err(PlannerError::TooLittleMemory { what, needed, got });
+            }
+        }
+        planner.begin(&[], start, false);
+        Ok(planner)
+    }
+
+    /// Sets the planner's settings.
+    pub fn with_settings(mut self, settings: PlannerSettings) -> Self {
+        self.search.settings = settings;
+        self
+    }
+
+    /// Sets how many operations the planner may spend on each decision as a [`Policy`].
+    pub fn with_operations_per_slot(mut self, operations: u64) -> Self {
+        self.operations_per_slot = operations;
+        self
+    }
+
+    fn check(&self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
+        let capacity = &self.search.capacity;
+        for (what, got, capacity) in [
+            ("slots", mission.slots() as usize, capacity.slots),
+            // Users are stored as bytes.
+            ("users", mission.user_count(), capacity.users.min(256)),
+        ] {
+            if got > capacity {
+                return Err(PlannerError::TooLarge {
+                    what,
+                    got,
+                    capacity,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the mission that is planned.
+    pub fn mission(&self) -> &Mission<T, M, J> {
+        &self.search.mission
+    }
+
+    /// Plans the rest of the mission from another state. The prices are kept, and so is the part of
+    /// the plan that is still ahead and feasible, or can be made feasible by small corrections.
+    ///
+    /// Worst case: 29 candidate places for every slot that remains. The state is copied.
+    pub fn restart(&mut self, state: &PlannerState<'_, T>) {
+        let slots = self.search.mission.slots();
+        let slot = state.slot.clamp(1, slots + 1);
+        let ahead = slot.checked_sub(self.slot).map(|passed| passed as usize);
+        let limit_m = self.search.mission.reach_m();
+        let reach_m = state.reach_m;
+        self.reach_m = if reach_m.finite() && reach_m > T::zero() {
+            reach_m.min(limit_m)
+        } else {
+            limit_m
+        };
+        if let Some(passed) = ahead {
+            let mut parts = Parts::carve(&self.search.capacity, self.memory.parts());
+            parts.best.drop_first(passed);
+        }
+        self.slot = slot;
+        let position = state.position;
+        let finite = position.x.finite() && position.y.finite();
+        let position = if finite { position } else { self.search.from() };
+        self.begin(state.counts, position, ahead.is_some());
+    }
+
+    /// Takes over a changed mission: positions and numbers of users and sensors, threshold, noise,
+    /// powers, speed, number of slots. The search starts from the old grid and prices. Users keep
+    /// their numbers. Call [`restart`](Self::restart) afterwards where the state has changed, too.
+    ///
+    /// # Errors
+    /// Returns an error if the mission exceeds the capacity; the old mission is kept.
+    pub fn change_mission(&mut self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
+        self.check(mission)?;
+        let kept = mission.slots() == self.search.mission.slots();
+        self.search.replace_mission(mission);
+        self.reach_m = self.reach_m.min(mission.reach_m());
+        self.slot = self.slot.min(mission.slots() + 1);
+        let (counts, position) = (self.counts.clone(), self.search.from());
+        self.begin(&counts, position, kept);
+        Ok(())
+    }
+
+    /// Sets up route, quotas and first plan for the coming slot.
+    fn begin(&mut self, counts: &[u32], position: Position<T>, keep: bool) {
+        let search = &mut self.search;
+        let slots = (search.mission.slots() + 1).saturating_sub(self.slot) as usize;
+        let route = Route::new(&search.mission, position, slots, self.reach_m);
+        let users = search.mission.user_count();
+        let quota = search.mission.quota();
+        // The counts of users that may join later are kept, too.
+        self.counts = counts.iter().copied().take(M).collect();
+        search.least = [0; M];
+        for (user, least) in search.least.iter_mut().enumerate().take(users) {
+            *least = quota.saturating_sub(counts.get(user).copied().unwrap_or(0));
+        }
+        reduce_to(&mut search.least, slots);
+        let mut parts = Parts::carve(&search.capacity, self.memory.parts());
+        let keep = keep && route.has_choice();
+        if keep {
+            route.anchor(&mut parts.best);
+        } else {
+            for slot in 0..slots {
+                parts.best.set_place(slot, route.straight(slot));
+            }
+        }
+        if !(keep && is_fair(&search.least, users, parts.best.users, slots)) {
+            serve_in_turn(&search.least, users, parts.best.users, slots);
+        }
+        parts.trial.copy_from(&parts.best);
+        parts.current.copy_from(&parts.best);
+        search.start(route, keep);
+    }
+
+    /// Improves the plan until `budget` operations are spent or nothing is left to do. Does
+    /// nothing for a budget of 0.
+    ///
+    /// An operation is about one multiplication and addition with its loads, 2 to 4 instructions.
+    /// The last step may exceed the budget, by at most [`largest_step`](Self::largest_step)
+    /// operations. More operations never give a worse plan.
+    pub fn advance(&mut self, budget: u64) -> Progress {
+        let mut parts = Parts::carve(&self.search.capacity, self.memory.parts());
+        let mut operations = 0;
+        while operations < budget && !self.search.is_done() {
+            operations += self.search.step(&mut parts).max(1);
+        }
+        Progress {
+            operations,
+            finished: self.search.is_done(),
+        }
+    }
+
+    /// Returns the largest number of operations that one step takes, whatever the budget.
+    pub fn largest_step(&self) -> u64 {
+        self.search.largest_step()
+    }
+
+    /// Returns the sum of the rates of the plan, bit/s/Hz, from the coming slot on; 0 while the
+    /// first plan has not been evaluated, which takes one evaluation of the rates for every slot.
+    pub fn value(&self) -> T {
+        self.search.best_total.unwrap_or(T::zero())
+    }
+
+    /// Returns an estimate of the largest value that any plan can have, bit/s/Hz: the least dual
+    /// value on the planner's grid. It is not a bound, because values are interpolated between the
+    /// nodes and stages are several slots long; `host-sim bound` certifies one. Returns `None`
+    /// before the first iteration of the prices.
+    pub fn upper_estimate(&self) -> Option<T> {
+        let dual = self.search.prices.least_dual;
+        dual.finite().then(|| dual.max(self.value()))
+    }
+
+    /// Returns an estimate of the gap `(upper - value) / upper` to the optimum, from 0 to 1; see
+    /// [`upper_estimate`](Self::upper_estimate).
+    pub fn gap_estimate(&self) -> Option<T> {
+        let upper = self.upper_estimate()?;
+        if upper <= T::zero() {
+            return Some(T::zero());
+        }
+        Some(((upper - self.value()) / upper).max(T::zero()))
+    }
+
+    /// Returns the prices of fairness `lambda_m`, bit/s/Hz, one per user.
+    pub fn prices(&self) -> &[T] {
+        let users = self.search.users();
+        self.search.prices.values.get(..users).unwrap_or(&[])
+    }
+
+    /// Returns the coming slot, from which on the plan is valid.
+    pub fn slot(&self) -> u32 {
+        self.slot
+    }
+
+    /// Returns the index of a slot in the plan.
+    fn index(&self, slot: u32) -> Option<usize> {
+        let index = slot.checked_sub(self.slot)? as usize;
+        (index < self.search.route.slots).then_some(index)
+    }
+
+    /// Returns the place to be at by the end of a slot, metres, or `None` for slots that are not
+    /// ahead.
+    pub fn waypoint(&mut self, slot: u32) -> Option<Position<T>> {
+        let index = self.index(slot)?;
+        let parts = Parts::carve(&self.search.capacity, self.memory.parts());
+        Some(parts.best.place(index))
+    }
+
+    /// Returns the user to serve in a slot, from 0, or `None` for slots that are not ahead.
+    pub fn served_user(&mut self, slot: u32) -> Option<usize> {
+        let index = self.index(slot)?;
+        let parts = Parts::carve(&self.search.capacity, self.memory.parts());
+        Some(parts.best.user(index))
+    }
+
+    /// Returns whether the plan starts from this state, so that there is nothing to correct.
+    fn is_at(&self, observation: &Observation<'_, T>) -> bool {
+        let count = |counts: &[u32], user| counts.get(user).copied().unwrap_or(0);
+        observation.slot == self.slot
+            && observation.position == self.search.from()
+            && (0..self.search.users())
+                .all(|user| count(observation.counts, user) == count(&self.counts, user))
+    }
+}
+
+impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for Planner<T, S, M, J> {
+    /// Returns the plan's waypoint and user, after the plan has been corrected for the observed
+    /// state and the operations per slot have been spent on improving it.
+    fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
+        if !self.is_at(observation) {
+            self.restart(&PlannerState {
+                slot: observation.slot,
+                position: observation.position,
+                counts: observation.counts,
+                reach_m: self.reach_m,
+            });
+        }
+        self.advance(self.operations_per_slot);
+        let here = observation.position;
+        let waypoint = self.waypoint(observation.slot);
+        let served = self.served_user(observation.slot);
+        let score = |user| {
+            if served == Some(user) {
+                T::one()
+            } else {
+                T::zero()
+            }
+        };
+        let users = observation.counts.len().min(M);
+        Action {
+            displacement: waypoint.map_or(Displacement::zeros(), |waypoint| waypoint - here),
+            user_scores: (0..users).map(score).collect(),
+        }
+    }
+}

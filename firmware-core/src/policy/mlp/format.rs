@@ -1,0 +1,192 @@
+//! The format of a policy file.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+use crate::policy::Provenance;
+
+/// The format version that this crate reads and writes.
+pub const FORMAT_VERSION: u16 = 1;
+
+/// The largest width of a layer, input and output included.
+pub const WIDTH_MAX: usize = 256;
+
+/// The largest number of layers.
+pub const LAYERS_MAX: usize = 6;
+
+pub(super) const MAGIC: [u8; 4] = *b"UAVP";
+
+pub(super) const PREAMBLE: usize = 10;
+
+pub(super) const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// The header of a policy file, before the numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// The origin of the policy.
+    pub provenance: Provenance,
+    /// `V_max delta`, metres: the factor of `tanh`.
+    pub reach_m: f32,
+    /// Sizes from input to output, for example `[19, 128, 128, 17]`.
+    pub sizes: Vec<u16, { LAYERS_MAX + 1 }>,
+}
+
+impl Header {
+    pub(super) fn inputs(&self) -> usize {
+        self.sizes.first().map_or(0, |&n| n.into())
+    }
+
+    pub(super) fn outputs(&self) -> usize {
+        self.sizes.last().map_or(0, |&n| n.into())
+    }
+
+    /// Returns how many numbers follow the header.
+    pub fn number_count(&self) -> usize {
+        let layers = self.sizes.windows(2);
+        let layers: usize = layers
+            .map(|pair| usize::from(pair[1]) * (usize::from(pair[0]) + 1))
+            .sum();
+        3 * self.inputs() + layers + self.outputs()
+    }
+
+    pub(super) fn check(&self) -> Result<(), LoadError> {
+        let users = self.provenance.users as usize;
+        let ends = [users.saturating_add(4), users.saturating_add(2)];
+        let wide = self
+            .sizes
+            .iter()
+            .any(|&n| n == 0 || usize::from(n) > WIDTH_MAX);
+        if self.sizes.len() < 2 || wide || [self.inputs(), self.outputs()] != ends {
+            return Err(LoadError::Shape {
+                inputs: self.inputs(),
+                outputs: self.outputs(),
+                users,
+            });
+        }
+        if !(self.reach_m.is_finite() && self.reach_m > 0.0) {
+            return Err(LoadError::Reach {
+                value: self.reach_m,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Error returned when bytes are not a valid policy.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum LoadError {
+    /// The file is of another kind, or is incomplete.
+    #[error("not a .policy file: it does not start with UAVP")]
+    NotAPolicy,
+    /// The file has another format version.
+    #[error("format version is {got}, but this build reads {FORMAT_VERSION}")]
+    Version {
+        /// The file's version.
+        got: u16,
+    },
+    /// The file is damaged or incomplete.
+    #[error("checksum is {got:#010x}, but the file says {expected:#010x}: it is damaged")]
+    Checksum {
+        /// The checksum of the bytes.
+        got: u32,
+        /// The checksum in the file.
+        expected: u32,
+    },
+    /// The header cannot be decoded.
+    #[error("the header cannot be decoded")]
+    Header,
+    /// The layers do not make a policy for the number of users.
+    #[error(
+        "layers go from {inputs} to {outputs} for {users} users, but must go from users + 4 to \
+         users + 2, each 1 to {WIDTH_MAX} wide"
+    )]
+    Shape {
+        /// The size of the input.
+        inputs: usize,
+        /// The size of the output.
+        outputs: usize,
+        /// `M`, the number of users.
+        users: usize,
+    },
+    /// The reach is not a finite number above 0.
+    #[error("reach_m is {value}, but must be a finite number above 0")]
+    Reach {
+        /// The invalid value.
+        value: f32,
+    },
+    /// The file has too few or too many numbers.
+    #[error("the file has {got} bytes of numbers, but its layers need {expected}")]
+    Length {
+        /// The number of bytes in the file.
+        got: usize,
+        /// The number of bytes needed.
+        expected: usize,
+    },
+    /// A number is NaN or infinite.
+    #[error("number {index} is {value}, but must be finite")]
+    NotFinite {
+        /// The index of the number.
+        index: usize,
+        /// The invalid value.
+        value: f32,
+    },
+    /// The network does not reproduce its test vector.
+    #[error("self-test: output {index} is {got}, but the file expects {expected}")]
+    SelfTest {
+        /// The index of the output: 0 and 1 the displacement, then the scores.
+        index: usize,
+        /// The computed value.
+        got: f32,
+        /// The expected value.
+        expected: f32,
+    },
+}
+
+/// Error returned when a policy file cannot be written.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum WriteError {
+    /// The file could not be loaded again.
+    #[error(transparent)]
+    Unsound(#[from] LoadError),
+    /// The buffer is too small.
+    #[error("a policy does not fit into {capacity} bytes")]
+    TooLong {
+        /// The size of the buffer, bytes.
+        capacity: usize,
+    },
+}
+
+/// Writes a policy file into `file` and returns its length. `numbers` are in the order of the
+/// [module's](super) table.
+///
+/// # Errors
+/// Returns an error if the header is invalid, if the number of numbers is wrong, or if the buffer
+/// is too small.
+pub fn write(
+    header: &Header,
+    numbers: impl ExactSizeIterator<Item = f32>,
+    file: &mut [u8],
+) -> Result<usize, WriteError> {
+    header.check()?;
+    let (got, expected) = (4 * numbers.len(), 4 * header.number_count());
+    if got != expected {
+        return Err(LoadError::Length { got, expected }.into());
+    }
+    let too_long = WriteError::TooLong {
+        capacity: file.len(),
+    };
+    let (preamble, body) = file.split_at_mut_checked(PREAMBLE).ok_or(too_long)?;
+    let head = postcard::to_slice(header, body)
+        .map_err(|_| too_long)?
+        .len();
+    let end = head + expected;
+    let room = body.get_mut(head..end).ok_or(too_long)?;
+    for (bytes, number) in room.chunks_exact_mut(4).zip(numbers) {
+        bytes.copy_from_slice(&number.to_le_bytes());
+    }
+    preamble[..4].copy_from_slice(&MAGIC);
+    preamble[4..6].copy_from_slice(&FORMAT_VERSION.to_le_bytes());
+    preamble[6..].copy_from_slice(&CHECKSUM.checksum(&body[..end]).to_le_bytes());
+    Ok(PREAMBLE + end)
+}

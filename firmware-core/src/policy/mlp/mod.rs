@@ -1,0 +1,31 @@
+//! A trained policy without an allocator: a multilayer perceptron that reads its weights in place,
+//! in flash or in a file's bytes.
+//!
+//! ```text
+//! x = (observation - offset) * scale
+//! x = max(0, W x + b)                      every layer but the last
+//! [u_x, u_y, scores..] = W x + b           the last
+//! displacement = reach tanh(u)             metres
+//! ```
+//!
+//! A `.policy` file, all numbers little endian:
+//!
+//! | part | bytes | |
+//! |---|---|---|
+//! | magic | 4 | `UAVP` |
+//! | version | 2 | [`FORMAT_VERSION`] |
+//! | checksum | 4 | CRC-32/ISO-HDLC over all that follows |
+//! | header | varies | [`Header`] in postcard's encoding |
+//! | numbers | 4 each | `f32`: offset, scale, then per layer weights (a row per output) and biases, then the test vector: an observation, and the displacement and scores it gives |
+//!
+//! [`Mlp::load`] checks all of it, including the test vector. Worst case of a decision: one pass
+//! over the weights and two `tanh`; about 41,000 multiplications and additions at 128 neurons.
+
+mod format;
+mod network;
+
+pub use format::{FORMAT_VERSION, Header, LAYERS_MAX, LoadError, WIDTH_MAX, WriteError, write};
+pub use network::{Mlp, SELF_TEST_TOLERANCE};
+
+#[cfg(test)]
+mod tests;

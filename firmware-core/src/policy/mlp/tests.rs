@@ -1,0 +1,167 @@
+//! Tests of the file format and of the network.
+
+use super::{format::*, *};
+use crate::policy::Provenance;
+use crate::test_missions::table_one;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::{string::ToString, vec, vec::Vec as StdVec};
+
+const SIZES: [u16; 4] = [19, 30, 23, 17];
+
+fn text<const N: usize>(text: &str) -> heapless::String<N> {
+    heapless::String::try_from(text).expect("short")
+}
+
+fn header() -> Header {
+    Header {
+        provenance: Provenance {
+            users: 15,
+            max_speed_mps: 30.0,
+            slot_duration_s: 1.0,
+            area_m: [1000.0, 1000.0],
+            algorithm: text("sac"),
+            scenario: text("separated"),
+            scenario_digest: text(&"0123456789abcdef".repeat(4)),
+            episodes: 4000,
+            seed: 1,
+        },
+        reach_m: 30.0,
+        sizes: heapless::Vec::from_slice(&SIZES).expect("short"),
+    }
+}
+
+/// The network as the module's header defines it, in double precision.
+fn reference(numbers: &[f32], observation: &[f32]) -> StdVec<f64> {
+    let number = |i: usize| f64::from(numbers[i]);
+    let mut x: StdVec<f64> = (0..19)
+        .map(|i| (f64::from(observation[i]) - number(i)) * number(19 + i))
+        .collect();
+    let mut at = 38;
+    for (layer, pair) in SIZES.windows(2).enumerate() {
+        let (inputs, outputs) = (usize::from(pair[0]), usize::from(pair[1]));
+        x = (0..outputs)
+            .map(|o| {
+                let bias = number(at + inputs * outputs + o);
+                let sum: f64 = (0..inputs)
+                    .map(|i| number(at + o * inputs + i) * x[i])
+                    .sum();
+                if layer < 2 {
+                    (sum + bias).max(0.0)
+                } else {
+                    sum + bias
+                }
+            })
+            .collect();
+        at += outputs * (inputs + 1);
+    }
+    x[..2].iter_mut().for_each(|u| *u = 30.0 * u.tanh());
+    x
+}
+
+fn numbers() -> StdVec<f32> {
+    let mut rng = Pcg64Mcg::seed_from_u64(6);
+    let count = header().number_count();
+    let mut numbers: StdVec<f32> = (0..count)
+        .map(|_| rng.random_range(-0.3_f32..0.3))
+        .collect();
+    let start = count - 17 - 19;
+    let observation = numbers[start..start + 19].to_vec();
+    let expected = reference(&numbers, &observation);
+    for (slot, value) in numbers[start + 19..].iter_mut().zip(expected) {
+        *slot = value as f32;
+    }
+    numbers
+}
+
+fn file() -> StdVec<u8> {
+    let mut file = vec![0; 20_000];
+    let length = write(&header(), numbers().into_iter(), &mut file).expect("sound");
+    file.truncate(length);
+    file
+}
+
+/// With a matching checksum: only what comes after it is at fault.
+fn sealed(mut file: StdVec<u8>) -> StdVec<u8> {
+    let checksum = CHECKSUM.checksum(&file[PREAMBLE..]);
+    file[6..10].copy_from_slice(&checksum.to_le_bytes());
+    file
+}
+
+#[test]
+fn outputs_agree_with_double_precision() {
+    let policy = Mlp::load(file()).expect("sound");
+    let numbers = numbers();
+    let mut rng = Pcg64Mcg::seed_from_u64(8);
+    for _ in 0..1000 {
+        let observation: StdVec<f32> = (0..19).map(|_| rng.random_range(-3.0..3.0)).collect();
+        let expected = reference(&numbers, &observation);
+        let got = policy.evaluate(&observation);
+        for (i, (got, expected)) in got.iter().zip(&expected).enumerate() {
+            let scale = if i < 2 { 30.0 } else { 1.0 };
+            assert!(
+                (f64::from(*got) - expected).abs() < 1e-5 * scale,
+                "{i}: {got} {expected}"
+            );
+        }
+    }
+}
+
+/// Any single damaged byte is found, and so is every cut.
+#[test]
+fn damage_is_found() {
+    let file = file();
+    for at in (0..file.len()).step_by(13) {
+        let mut damaged = file.clone();
+        damaged[at] ^= 0x10;
+        assert!(Mlp::load(damaged).is_err(), "byte {at}");
+        assert!(Mlp::load(&file[..at]).is_err(), "cut at {at}");
+    }
+}
+
+#[test]
+fn each_fault_is_named() {
+    let message = |file: StdVec<u8>| Mlp::load(file).expect_err("unsound").to_string();
+    let sound = file();
+    assert!(message(b"ONNX".to_vec()).contains("UAVP"));
+    let mut other = sound.clone();
+    other[4] = 9;
+    assert_eq!(
+        message(other),
+        "format version is 9, but this build reads 1"
+    );
+    let end = sound.len();
+    let mut other = sound.clone();
+    other[end - 4..].copy_from_slice(&3.5_f32.to_le_bytes());
+    assert!(message(sealed(other)).starts_with("self-test: output 16 is "));
+    let mut other = sound.clone();
+    other[end - 400..end - 396].copy_from_slice(&f32::NAN.to_le_bytes());
+    assert!(message(sealed(other)).contains("NaN"));
+    let mut other = sound.clone();
+    other.extend([0; 4]);
+    assert!(message(sealed(other)).contains("bytes of numbers"));
+    let mut wrong = header();
+    wrong.provenance.users = 14;
+    let error = write(&wrong, numbers().into_iter(), &mut vec![0; 20_000]);
+    assert!(matches!(
+        error,
+        Err(WriteError::Unsound(LoadError::Shape { users: 14, .. }))
+    ));
+}
+
+#[test]
+fn a_policy_for_another_mission_is_refused_with_both_values() {
+    let provenance = header().provenance;
+    assert_eq!(provenance.check(&table_one::<f64>()), Ok(()));
+    assert_eq!(provenance.check(&table_one::<f32>()), Ok(()));
+    let slow = Provenance {
+        max_speed_mps: 20.0,
+        ..provenance
+    };
+    let message = slow
+        .check(&table_one::<f64>())
+        .expect_err("slow")
+        .to_string();
+    let expected = "the policy is for max_speed_mps = 20, but the mission has 30";
+    assert_eq!(message, expected);
+}

@@ -1,0 +1,24 @@
+//! The record of what the shield changed.
+
+use serde::{Deserialize, Serialize};
+
+/// What the shield changed in an action, if anything.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Intervention {
+    /// The displacement was moved onto `F_n`.
+    pub displacement: bool,
+    /// The user with the highest score was not admissible.
+    pub user: bool,
+    /// The output was NaN, infinite or of the wrong size, and was replaced.
+    pub broken_output: bool,
+    /// `F_n` is empty because the vehicle is not where it was sent: the waypoint is the point
+    /// of the speed disc nearest to the destination.
+    pub out_of_reach: bool,
+}
+
+impl Intervention {
+    /// Returns whether anything was changed.
+    pub fn any(&self) -> bool {
+        self.displacement || self.user || self.broken_output || self.out_of_reach
+    }
+}

@@ -1,0 +1,32 @@
+//! The safety shield: enforces the mission's hard constraints on every action of a policy
+//! (`docs/mathematics.md`, section 4).
+//!
+//! Before slot `n` of `N`, from `q_{n-1}`, the displacement that the policy asks for is projected
+//! (Euclidean, exact) onto
+//!
+//! ```text
+//! F_n = { q in Lambda : ||q - q_{n-1}|| <= V delta,  ||q - q_f|| <= (N - n + 1) V delta }
+//! ```
+//!
+//! and the user is the one with the highest score among those that leave enough slots for the
+//! quotas of all users: `sum_k max(0, floor(N/M) - count_k) <= N - n` after the slot. So eq:a1 to
+//! eq:a3, eq:traj1 and eq:traj2 hold for every policy, trained or broken. A NaN, an infinity or a
+//! wrong number of scores counts as no displacement and the admissible user with the best rate, and
+//! is reported.
+//!
+//! `F_n` is the intersection of two discs and a rectangle. The nearest point of such a set is
+//! inside, or is the nearest point of one border, or a corner where two borders meet: at most 29
+//! candidates, each checked. Worst case: 29 candidates times 6 constraints, no iteration.
+
+mod agility;
+mod fairness;
+mod geometry;
+mod intervention;
+mod reachable;
+mod waypoint;
+
+pub use agility::Agility;
+pub use fairness::{Fairness, admissible_user, scores_are_sound};
+pub use intervention::Intervention;
+pub use reachable::ReachableSet;
+pub use waypoint::{admissible_waypoint, displacement_is_sound};
