@@ -8,29 +8,14 @@ use super::{
     claims::{Claim, Tally, Verdict},
     figure::{Axis, Figure, LOOKS, Panel, Series},
     laboratory::Laboratory,
+    learning_rows::{LearningRow, TABLE_ONE_RATE, rate_of},
     rounded, statistics,
 };
 
 /// Learning rates, from slow to fast, as the trainer takes them; Table I's is the second.
 const LEARNING_RATES: [&str; 4] = ["3e-5", "1e-4", "3e-4", "1e-3"];
-/// Table I's.
-const TABLE_ONE: &str = "1e-4";
-/// Table I's discount.
-const DISCOUNT: f64 = 0.90;
 /// Seeds 1 to this.
 const SEEDS: u64 = 3;
-
-/// A row of the trainer's `learning_curves.csv`.
-#[derive(Clone, Debug, Deserialize)]
-pub(super) struct LearningRow {
-    pub(super) scenario_digest: String,
-    pub(super) algorithm: String,
-    pub(super) learning_rate: f64,
-    pub(super) discount: f64,
-    pub(super) seed: u64,
-    pub(super) episode: u32,
-    pub(super) episodic_return: f64,
-}
 
 /// A row of `convergence.csv`: the mean over seeds, of episodes up to `episode`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -48,36 +33,11 @@ pub(super) fn trainings() -> Vec<Training> {
     let cell = Cell::table_one(Topology::Separated);
     let of_rate = |rate: &'static str| {
         (1..=SEEDS).map(move |seed| Training {
-            learning_rate: (rate != TABLE_ONE).then_some(rate),
+            learning_rate: (rate != TABLE_ONE_RATE).then_some(rate),
             ..Training::new(cell, Learner::SacTableOne, seed)
         })
     };
     LEARNING_RATES.into_iter().flat_map(of_rate).collect()
-}
-
-/// Whether rows of a training are among them.
-pub(super) fn is_among(training: &Training, rows: &[LearningRow]) -> bool {
-    let Ok(scenario) = training.cell.scenario() else {
-        return false;
-    };
-    let digest = scenario.digest();
-    let rate = rate_of(training.learning_rate.unwrap_or(TABLE_ONE));
-    rows.iter()
-        .any(|row| row.is_of(rate, &digest) && row.seed == training.seed)
-}
-
-impl LearningRow {
-    fn is_of(&self, rate: f64, digest: &str) -> bool {
-        // The trainer's numbers are in single precision.
-        (self.learning_rate / rate - 1.0).abs() < 1e-6
-            && (self.discount / DISCOUNT - 1.0).abs() < 1e-6
-            && self.algorithm == "sac"
-            && self.scenario_digest == digest
-    }
-}
-
-fn rate_of(text: &str) -> f64 {
-    text.parse().unwrap_or(f64::NAN)
 }
 
 /// Means over the seeds.
@@ -129,7 +89,7 @@ pub(super) fn figure(rows: &[CurveRow]) -> Figure {
             let (mean, half) = (row.episodic_return, row.interval_95.unwrap_or(0.0));
             (within(mean - half), within(mean + half))
         });
-        let name = match *text == TABLE_ONE {
+        let name = match *text == TABLE_ONE_RATE {
             true => format!("{text} (Table I)"),
             false => (*text).to_owned(),
         };
@@ -224,8 +184,11 @@ pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
         None => "never".into(),
     };
     let at = |text: &str| courses.iter().find(|course| course.rate == rate_of(text));
-    let (slowest, table_one, fastest) =
-        (at(LEARNING_RATES[0]), at(TABLE_ONE), at(LEARNING_RATES[3]));
+    let (slowest, table_one, fastest) = (
+        at(LEARNING_RATES[0]),
+        at(TABLE_ONE_RATE),
+        at(LEARNING_RATES[3]),
+    );
     let patience =
         |course: Option<&Course>| course.and_then(|course| course.settled).unwrap_or(u32::MAX);
     let runs = rows.iter().map(|row| row.runs).max().unwrap_or(0);
@@ -257,7 +220,7 @@ pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
                 "{} settles {}, {} {}.",
                 LEARNING_RATES[0],
                 slowest.map_or("never".into(), settled),
-                TABLE_ONE,
+                TABLE_ONE_RATE,
                 table_one.map_or("never".into(), settled),
             ),
             "",

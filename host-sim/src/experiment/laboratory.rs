@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Watcher,
     cell::{Cell, Learner, MSE_THRESHOLD, Topology, Training},
-    convergence::{LearningRow, is_among},
+    learning_rows::{LearningRow, is_among},
     table,
 };
 use crate::{

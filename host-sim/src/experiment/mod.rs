@@ -19,6 +19,7 @@ pub mod claims;
 mod convergence;
 mod figure;
 pub mod laboratory;
+mod learning_rows;
 pub mod report;
 pub mod service;
 pub mod statistics;

@@ -4,7 +4,7 @@
 use firmware_core::autopilot::{Autopilot, guidance::Limits, profile::Firmware};
 use thiserror::Error;
 
-use super::autopilot_settings;
+use super::settings::autopilot_settings;
 use scenario::Scenario;
 use vehicle::Profile;
 

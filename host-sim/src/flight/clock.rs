@@ -8,25 +8,7 @@ use std::{
 
 use firmware_core::time::{Duration, Instant};
 
-use super::peer::Peer;
-
-/// How fast time passes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pace {
-    /// As fast as it computes. With a vehicle elsewhere: real time.
-    Max,
-    /// So many seconds of flight in a second.
-    Factor(f64),
-}
-
-impl Pace {
-    fn factor(self) -> f64 {
-        match self {
-            Self::Max => 1.0,
-            Self::Factor(factor) => factor,
-        }
-    }
-}
+use super::{peer::Peer, settings::Pace};
 
 /// The longest sleep: at a slow pace a step takes long, and a person who asks for the end does not
 /// wait for it.

@@ -18,7 +18,7 @@ use firmware_core::{
     time::Instant,
 };
 
-use super::Observer;
+use super::observer::Observer;
 use crate::journal::ParameterJournal;
 use link::{
     Beside, Link,

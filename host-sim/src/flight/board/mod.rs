@@ -29,14 +29,19 @@ use firmware_core::{
 };
 
 use super::{
-    CONNECT_PATIENCE, FailedFlight, FlightError, FlightSettings, Ground, Observer, Stopwatch,
-    autopilot_settings, outcome_with_record, reason,
+    clock::Clock,
+    ground::Ground,
+    observer::Observer,
+    outcome::{FailedFlight, FlightError, outcome_with_record},
+    peer::Peer,
+    reason,
+    settings::{CONNECT_PATIENCE, FlightSettings, autopilot_settings},
+    stopwatch::Stopwatch,
 };
 pub use campaign::{Campaign, SLOTS_EACH, Tally};
 pub use image::Image;
 
 use crate::{
-    flight::{Clock, Peer},
     record::{FlightEvent, FlightRecord, PathSample},
     world::World,
 };

@@ -1,0 +1,49 @@
+//! The rows that the trainer writes of learning curves, and to which training a row belongs.
+
+use serde::Deserialize;
+
+use super::cell::Training;
+
+/// Table I's learning rate, as the trainer takes it.
+pub(super) const TABLE_ONE_RATE: &str = "1e-4";
+/// Table I's discount.
+const DISCOUNT: f64 = 0.90;
+
+/// A row of the trainer's `learning_curves.csv`.
+#[derive(Clone, Debug, Deserialize)]
+pub(super) struct LearningRow {
+    pub(super) scenario_digest: String,
+    pub(super) algorithm: String,
+    pub(super) learning_rate: f64,
+    pub(super) discount: f64,
+    pub(super) seed: u64,
+    pub(super) episode: u32,
+    pub(super) episodic_return: f64,
+}
+
+/// Whether rows of a training are among them.
+pub(super) fn is_among(training: &Training, rows: &[LearningRow]) -> bool {
+    let Ok(scenario) = training.cell.scenario() else {
+        return false;
+    };
+    let digest = scenario.digest();
+    let rate = rate_of(training.learning_rate.unwrap_or(TABLE_ONE_RATE));
+    rows.iter()
+        .any(|row| row.is_of(rate, &digest) && row.seed == training.seed)
+}
+
+impl LearningRow {
+    /// Whether the row is of a training of SAC at this rate on this mission.
+    pub(super) fn is_of(&self, rate: f64, digest: &str) -> bool {
+        // The trainer's numbers are in single precision.
+        (self.learning_rate / rate - 1.0).abs() < 1e-6
+            && (self.discount / DISCOUNT - 1.0).abs() < 1e-6
+            && self.algorithm == "sac"
+            && self.scenario_digest == digest
+    }
+}
+
+/// The number of a learning rate that is typed.
+pub(super) fn rate_of(text: &str) -> f64 {
+    text.parse().unwrap_or(f64::NAN)
+}

@@ -1,0 +1,100 @@
+//! How a mission is flown: the settings of a flight, and those of the client and of the built-in vehicle
+//! that follow from its scenario.
+
+use environment::Allocation;
+use firmware_core::{
+    Displacement, Position,
+    autopilot::{AutopilotSettings, Geofence, failsafe::Watch, preflight::Preflight},
+    time::Duration,
+};
+use scenario::Scenario;
+use vehicle::{Profile, VehicleSettings};
+
+/// How long an autopilot's first heartbeat is waited for.
+pub const CONNECT_PATIENCE: Duration = Duration::from_secs(30);
+
+/// The ground is heard once a slot; after so many without it, and at least
+/// [`GROUND_PATIENCE`], the vehicle is landed.
+const GROUND_SLOTS: u32 = 10;
+
+/// The shortest silence of the ground that counts.
+const GROUND_PATIENCE: Duration = Duration::from_secs(10);
+
+/// How far around the mission's area the geofence lies: a vehicle that far outside is landed.
+const FENCE_MARGIN_M: f64 = 50.0;
+
+/// How a mission is flown.
+#[derive(Clone, Debug)]
+pub struct FlightSettings {
+    /// The policy's name, for the record.
+    pub policy: String,
+    /// How the powers of a slot are chosen.
+    pub inner: Allocation,
+    /// Which vehicle is at the other end: sets the limits that the guidance plans with.
+    pub profile: Profile,
+    /// How fast time passes.
+    pub pace: Pace,
+    /// Of the signals.
+    pub seed: u64,
+    /// Symbols drawn in a slot for the empirical MSE.
+    pub symbols_per_slot: u32,
+}
+
+/// How fast time passes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// As fast as it computes. With a vehicle elsewhere: real time.
+    Max,
+    /// So many seconds of flight in a second.
+    Factor(f64),
+}
+
+impl Pace {
+    pub(super) fn factor(self) -> f64 {
+        match self {
+            Self::Max => 1.0,
+            Self::Factor(factor) => factor,
+        }
+    }
+}
+
+/// The client's settings for a mission.
+pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> AutopilotSettings<f64> {
+    let p = scenario.mission.parameters();
+    let mut limits = profile.client_limits();
+    if profile != Profile::Ideal {
+        // The mission's own speed limit (eq:traj1) holds between way-points, too.
+        limits.speed_mps = limits.speed_mps.min(p.max_speed_mps);
+    }
+    let around = Displacement::new(FENCE_MARGIN_M, FENCE_MARGIN_M);
+    let fence = Geofence {
+        low: Position::origin() - around,
+        high: Position::new(p.area.east_m, p.area.north_m) + around,
+        ceiling_m: p.altitude_m + FENCE_MARGIN_M,
+    };
+    let slot = Duration::from_secs_f64(p.slot_duration_s);
+    AutopilotSettings {
+        limits,
+        geofence: Some(fence),
+        preflight: Preflight::of(p),
+        watch: Watch {
+            ground: Some((slot * GROUND_SLOTS).max(GROUND_PATIENCE)),
+            ..Watch::default()
+        },
+        ..AutopilotSettings::new(
+            scenario.map_origin(),
+            p.start,
+            p.altitude_m,
+            p.max_speed_mps,
+        )
+    }
+}
+
+/// The built-in vehicle for a mission: on the ground at its start.
+pub fn vehicle_settings(scenario: &Scenario, profile: Profile) -> VehicleSettings {
+    let start = scenario.mission.parameters().start;
+    VehicleSettings {
+        elevation_m: scenario.origin.elevation_m,
+        ..VehicleSettings::new(profile, scenario.map_origin(), start)
+    }
+}
