@@ -20,7 +20,7 @@ use thiserror::Error;
 use crate::flight::CONNECT_PATIENCE;
 use crate::session::Session;
 use files::{input, output};
-use link::Silence;
+use link::NoHeartbeat;
 
 /// The name of the file beside a run's report.
 pub const FILE_NAME: &str = "parameters.journal.json";
@@ -184,7 +184,7 @@ pub enum FailedRestore {
     Io(#[from] io::Error),
     /// Nobody was heard.
     #[error("{0}")]
-    NobodyThere(Silence),
+    NobodyThere(NoHeartbeat),
     /// Another vehicle answers.
     #[error("{journal} is about another vehicle ({vehicle}); nothing was changed")]
     WrongVehicle {

@@ -9,7 +9,7 @@ use firmware_core::time::Instant;
 use mavlink::dialects::common::MavMessage;
 
 use crate::flight::{ProfileChoice, WrongProfile};
-use link::{Port, Silence};
+use link::{NoHeartbeat, Port};
 
 /// A port and a clock that runs `speed` times as fast as the wall's.
 #[derive(Debug)]
@@ -51,11 +51,11 @@ impl Session {
     }
 
     /// What to say when nobody was heard since `since`.
-    pub fn silence(&self, since: Instant) -> Silence {
-        Silence {
+    pub fn silence(&self, since: Instant) -> NoHeartbeat {
+        NoHeartbeat {
             waited_s: (self.now() - since).as_secs_f64(),
             refused: self.port.counters().refused(),
-            trouble: self.port.trouble(),
+            last_error: self.port.last_error(),
         }
     }
 

@@ -16,7 +16,7 @@ use thiserror::Error;
 use crate::flight::{CONNECT_PATIENCE, WrongProfile, is_notable};
 use crate::session::Session;
 use crate::watch::{Seen, WatchError, watch};
-use link::Silence;
+use link::NoHeartbeat;
 
 /// What is handed over.
 #[derive(Clone, Debug)]
@@ -57,7 +57,7 @@ pub enum FailedUpload {
     Link(#[from] io::Error),
     /// No autopilot was heard.
     #[error("{0}")]
-    NobodyThere(Silence),
+    NobodyThere(NoHeartbeat),
     /// The profile that was given is for another autopilot.
     #[error("{0}")]
     WrongProfile(WrongProfile),

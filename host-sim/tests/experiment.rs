@@ -8,9 +8,9 @@ use std::{
 };
 
 use host_sim::experiment::{
-    Experiment, Laboratory, Settings,
+    Experiment, ExperimentContext, Settings,
     cell::{Cell, Learner, Topology, Training},
-    laboratory::{BOUNDS, BoundRow},
+    context::{BOUNDS, BoundRow},
     report, table,
     totals::{Approach, TotalRow},
 };
@@ -38,9 +38,9 @@ fn settings(out: &Path, models: PathBuf) -> Settings {
 fn measured(experiment: Experiment) -> Vec<TotalRow> {
     let out = tempfile::tempdir().expect("a directory");
     let settings = settings(out.path(), repository().join("models"));
-    let mut laboratory = Laboratory::open(settings, &()).expect("bounds are readable");
+    let mut context = ExperimentContext::open(settings, &()).expect("bounds are readable");
     experiment
-        .measure(&mut laboratory)
+        .measure(&mut context)
         .expect("everything is shipped");
     table::read(&experiment.csv(out.path())).expect("rows")
 }
@@ -180,9 +180,9 @@ fn known_bounds_are_what_is_certified_now() {
 fn what_is_missing_is_named_with_the_way_to_get_it() {
     let empty = tempfile::tempdir().expect("a directory");
     let settings = settings(empty.path(), empty.path().to_owned());
-    let laboratory = Laboratory::open(settings, &()).expect("nothing to read");
+    let context = ExperimentContext::open(settings, &()).expect("nothing to read");
     let cell = Cell::table_one(Topology::Mixed);
-    let problem = laboratory
+    let problem = context
         .policies(&[Training::new(cell, Learner::Ddpg, 1)])
         .expect_err("nothing there");
     assert!(
@@ -214,14 +214,14 @@ fn what_is_missing_is_trained_once() {
         trainer: Some(trainer),
         ..settings(&out, folder.path().to_owned())
     };
-    let laboratory = Laboratory::open(settings, &()).expect("nothing to read");
+    let context = ExperimentContext::open(settings, &()).expect("nothing to read");
     let training = Training::new(
         Cell::table_one(Topology::Mixed).lasting(70),
         Learner::Ddpg,
         1,
     );
     for _ in 0..2 {
-        let files = laboratory.policies(&[training]).expect("trained");
+        let files = context.policies(&[training]).expect("trained");
         assert_eq!(files, [out.join(format!("policies/{training}.onnx"))]);
         assert_eq!(fs::read(&files[0]).ok(), fs::read(&policy).ok());
     }

@@ -22,7 +22,7 @@ const PAUSE: Duration = Duration::from_millis(200);
 
 /// A link beside; it ends with its owner.
 #[derive(Debug)]
-pub struct Beside {
+pub struct GroundStationTap {
     heard: SyncSender<Vec<u8>>,
     said: Receiver<Vec<u8>>,
     contact: Arc<Mutex<Contact>>,
@@ -34,15 +34,15 @@ enum Contact {
     /// A frame has gone, or something has come. (What UDP takes may still be heard by nobody.)
     Made,
     /// Nobody yet, and why, where that is known.
-    None { trouble: Option<String> },
+    None { last_error: Option<String> },
 }
 
-impl Beside {
+impl GroundStationTap {
     /// Serves this link from now on.
     pub fn new(link: Box<dyn Link>) -> Self {
         let (heard, to_send) = sync_channel(QUEUE);
         let (came, said) = sync_channel(QUEUE);
-        let contact = Arc::new(Mutex::new(Contact::None { trouble: None }));
+        let contact = Arc::new(Mutex::new(Contact::None { last_error: None }));
         thread::spawn({
             let contact = Arc::clone(&contact);
             move || serve(link, &to_send, &came, &contact)
@@ -59,7 +59,7 @@ impl Beside {
         let contact = self.contact.lock().unwrap_or_else(PoisonError::into_inner);
         match &*contact {
             Contact::Made => None,
-            Contact::None { trouble } => Some(trouble.clone().unwrap_or_default()),
+            Contact::None { last_error } => Some(last_error.clone().unwrap_or_default()),
         }
     }
 
@@ -81,14 +81,14 @@ fn serve(
     came: &SyncSender<Vec<u8>>,
     contact: &Mutex<Contact>,
 ) {
-    let note = |made: bool, trouble: Option<String>| {
+    let note = |made: bool, last_error: Option<String>| {
         let mut contact = contact.lock().unwrap_or_else(PoisonError::into_inner);
         if made {
             *contact = Contact::Made;
-        } else if let Contact::None { trouble: known } = &mut *contact
-            && trouble.is_some()
+        } else if let Contact::None { last_error: known } = &mut *contact
+            && last_error.is_some()
         {
-            *known = trouble;
+            *known = last_error;
         }
     };
     let mut decoder = Decoder::new();
@@ -97,7 +97,7 @@ fn serve(
         loop {
             match to_send.try_recv() {
                 Ok(frame) => match link.send(&frame) {
-                    Ok(sent) => note(sent, link.trouble()),
+                    Ok(sent) => note(sent, link.last_error()),
                     Err(error) => {
                         note(false, Some(error.to_string()));
                         thread::sleep(PAUSE);
@@ -180,7 +180,7 @@ mod tests {
             false
         }
 
-        fn trouble(&self) -> Option<String> {
+        fn last_error(&self) -> Option<String> {
             (!self.up).then(|| "nobody listens".into())
         }
     }
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn whether_anybody_was_reached_is_known() {
         for (up, expected) in [(true, None), (false, Some("nobody listens".to_owned()))] {
-            let beside = Beside::new(Box::new(Down { up }));
+            let beside = GroundStationTap::new(Box::new(Down { up }));
             assert_eq!(
                 beside.unreached(),
                 Some(String::new()),
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_ground_station_that_hangs_holds_nothing_up() {
-        let beside = Beside::new(Box::new(Hangs));
+        let beside = GroundStationTap::new(Box::new(Hangs));
         let begun = Instant::now();
         for _ in 0..3 * QUEUE {
             beside.hear(b"frame");

@@ -3,7 +3,7 @@
 //! ```text
 //! LinkAddress (a --link string) ─ open ─ Link (udpin, udpout, tcpout, serial)
 //!                                          ├ Port: frames, checks, numbers, signs, logs
-//!                                          ├ Beside: a ground station that listens beside
+//!                                          ├ GroundStationTap: a ground station that listens beside
 //!                                          └ lossy::Impaired: a bad radio, seeded
 //! ```
 
@@ -24,7 +24,7 @@ use std::io;
 use std::str::FromStr;
 use std::time::Duration;
 
-pub use beside::Beside;
+pub use beside::GroundStationTap;
 pub use port::Port;
 
 /// Bytes to and from one place.
@@ -42,7 +42,7 @@ pub trait Link: Send + fmt::Debug {
     fn is_datagram(&self) -> bool;
 
     /// Why the link is down, where that is known: for the complaint when nobody was heard.
-    fn trouble(&self) -> Option<String> {
+    fn last_error(&self) -> Option<String> {
         None
     }
 }
@@ -50,19 +50,19 @@ pub trait Link: Send + fmt::Debug {
 /// Nobody was heard at the other end of a link.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("no heartbeat of an autopilot in {waited_s:.0} s: {}", self.likely_reason())]
-pub struct Silence {
+pub struct NoHeartbeat {
     /// For how long, seconds of the vehicle's time.
     pub waited_s: f64,
     /// Frames that came and were refused for their signature.
     pub refused: u32,
     /// Why the link is down, where that is known.
-    pub trouble: Option<String>,
+    pub last_error: Option<String>,
 }
 
-impl Silence {
+impl NoHeartbeat {
     fn likely_reason(&self) -> String {
-        match (&self.trouble, self.refused) {
-            (Some(trouble), _) => trouble.clone(),
+        match (&self.last_error, self.refused) {
+            (Some(last_error), _) => last_error.clone(),
             (None, 0) => "is it running, and at the other end of --link?".into(),
             (None, refused) => format!(
                 "{refused} frames came that were not signed with the key of --signing-key, or \

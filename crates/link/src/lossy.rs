@@ -227,8 +227,8 @@ impl Link for Impaired {
         self.link.is_datagram()
     }
 
-    fn trouble(&self) -> Option<String> {
-        self.link.trouble()
+    fn last_error(&self) -> Option<String> {
+        self.link.last_error()
     }
 }
 

@@ -68,8 +68,8 @@ impl Port {
     }
 
     /// Why the link is down, where that is known.
-    pub fn trouble(&self) -> Option<String> {
-        self.link.trouble()
+    pub fn last_error(&self) -> Option<String> {
+        self.link.last_error()
     }
 
     /// Sends a message; false if the link is down and dropped it.

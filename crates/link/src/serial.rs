@@ -133,7 +133,7 @@ mod unix {
             false
         }
 
-        fn trouble(&self) -> Option<String> {
+        fn last_error(&self) -> Option<String> {
             self.back_off.reason.as_ref().map(io::Error::to_string)
         }
     }

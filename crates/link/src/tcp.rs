@@ -159,7 +159,7 @@ impl Link for TcpOut {
         false
     }
 
-    fn trouble(&self) -> Option<String> {
+    fn last_error(&self) -> Option<String> {
         let reason = self.back_off.reason.as_ref()?;
         Some(format!("tcpout:{}: {reason}", self.to))
     }

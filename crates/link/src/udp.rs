@@ -31,19 +31,19 @@ fn preferred(mut found: impl Iterator<Item = SocketAddr>) -> Option<SocketAddr> 
 
 /// Waits for a datagram; `None` if none came, or a peer is not there (any more): on UDP that is
 /// told by an error of the *next* call. Other errors (an interface that is down, a route that is
-/// gone) are kept in `trouble`: they pass when the cable is back, and must not end a flight.
+/// gone) are kept in `last_error`: they pass when the cable is back, and must not end a flight.
 fn receive_datagram(
     socket: &UdpSocket,
     buffer: &mut Vec<u8>,
     timeout: Duration,
-    trouble: &mut Option<io::Error>,
+    last_error: &mut Option<io::Error>,
 ) -> Option<SocketAddr> {
     buffer.resize(PIECE, 0);
     let received = patiently(timeout, || socket.recv_from(buffer));
     match received {
         Ok(Some((length, from))) => {
             buffer.truncate(length);
-            *trouble = None;
+            *last_error = None;
             Some(from)
         }
         Ok(None) => {
@@ -54,7 +54,7 @@ fn receive_datagram(
             buffer.clear();
             // A caller that asks again at once would ask without a pause.
             std::thread::sleep(timeout.min(ASK_EVERY));
-            note(trouble, error);
+            note(last_error, error);
             None
         }
     }
@@ -65,25 +65,25 @@ fn send_datagram(
     socket: &UdpSocket,
     frame: &[u8],
     to: SocketAddr,
-    trouble: &mut Option<io::Error>,
+    last_error: &mut Option<io::Error>,
 ) -> bool {
     match socket.send_to(frame, to) {
         Ok(_) => true,
         Err(error) => {
-            note(trouble, error);
+            note(last_error, error);
             false
         }
     }
 }
 
 /// Keeps an error that says more than that nobody listens at the other end.
-fn note(trouble: &mut Option<io::Error>, error: io::Error) {
+fn note(last_error: &mut Option<io::Error>, error: io::Error) {
     let absent = matches!(
         error.kind(),
         io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset
     );
     if !absent && !is_idle(&error) {
-        *trouble = Some(error);
+        *last_error = Some(error);
     }
 }
 
@@ -92,7 +92,7 @@ fn note(trouble: &mut Option<io::Error>, error: io::Error) {
 pub(super) struct UdpOut {
     socket: UdpSocket,
     to: SocketAddr,
-    trouble: Option<io::Error>,
+    last_error: Option<io::Error>,
 }
 
 impl UdpOut {
@@ -108,7 +108,7 @@ impl UdpOut {
         Ok(Self {
             socket,
             to,
-            trouble: None,
+            last_error: None,
         })
     }
 }
@@ -119,12 +119,12 @@ impl Link for UdpOut {
             &self.socket,
             frame,
             self.to,
-            &mut self.trouble,
+            &mut self.last_error,
         ))
     }
 
     fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
-        match receive_datagram(&self.socket, buffer, timeout, &mut self.trouble) {
+        match receive_datagram(&self.socket, buffer, timeout, &mut self.last_error) {
             Some(from) if from == self.to => Ok(true),
             _ => {
                 buffer.clear();
@@ -137,9 +137,9 @@ impl Link for UdpOut {
         true
     }
 
-    fn trouble(&self) -> Option<String> {
-        let trouble = self.trouble.as_ref()?;
-        Some(format!("udpout:{}: {trouble}", self.to))
+    fn last_error(&self) -> Option<String> {
+        let last_error = self.last_error.as_ref()?;
+        Some(format!("udpout:{}: {last_error}", self.to))
     }
 }
 
@@ -148,7 +148,7 @@ impl Link for UdpOut {
 pub(super) struct UdpIn {
     socket: UdpSocket,
     peers: Vec<(SocketAddr, Instant)>,
-    trouble: Option<io::Error>,
+    last_error: Option<io::Error>,
 }
 
 impl UdpIn {
@@ -161,7 +161,7 @@ impl UdpIn {
         Ok(Self {
             socket,
             peers: Vec::new(),
-            trouble: None,
+            last_error: None,
         })
     }
 
@@ -180,13 +180,13 @@ impl Link for UdpIn {
     fn send(&mut self, frame: &[u8]) -> io::Result<bool> {
         let mut sent = false;
         for (peer, _) in &self.peers {
-            sent |= send_datagram(&self.socket, frame, *peer, &mut self.trouble);
+            sent |= send_datagram(&self.socket, frame, *peer, &mut self.last_error);
         }
         Ok(sent)
     }
 
     fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool> {
-        let from = receive_datagram(&self.socket, buffer, timeout, &mut self.trouble);
+        let from = receive_datagram(&self.socket, buffer, timeout, &mut self.last_error);
         if let Some(from) = from {
             self.heard(from);
         }
@@ -197,8 +197,8 @@ impl Link for UdpIn {
         true
     }
 
-    fn trouble(&self) -> Option<String> {
-        self.trouble.as_ref().map(io::Error::to_string)
+    fn last_error(&self) -> Option<String> {
+        self.last_error.as_ref().map(io::Error::to_string)
     }
 }
 

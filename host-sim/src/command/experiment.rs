@@ -7,7 +7,7 @@ use std::{
 };
 
 use clap::{Args, builder::PossibleValuesParser};
-use host_sim::experiment::{Experiment, Laboratory, Settings, Watcher, cell::Cell, report};
+use host_sim::experiment::{Experiment, ExperimentContext, Settings, Watcher, cell::Cell, report};
 use indicatif::ProgressBar;
 
 use super::{Failure, bound::style};
@@ -84,19 +84,19 @@ pub(crate) fn execute(arguments: &ExperimentArguments) -> Result<(), Failure> {
         seeds: arguments.seeds,
         fresh: arguments.fresh,
     };
-    let mut laboratory = Laboratory::open(settings, &spinner).map_err(Failure::bad_input)?;
+    let mut context = ExperimentContext::open(settings, &spinner).map_err(Failure::bad_input)?;
     let outcome = match arguments.name.as_str() {
-        BOUNDS => return bounds(&mut laboratory, &spinner, arguments.page.as_deref()),
+        BOUNDS => return bounds(&mut context, &spinner, arguments.page.as_deref()),
         CARDS => {
             let page = arguments.models.join("cells/README.md");
-            report::write_cards(&mut laboratory, &page)
+            report::write_cards(&mut context, &page)
         }
         name => {
             let chosen = |experiment: &Experiment| name == ALL || experiment.name() == name;
             let chosen: Vec<Experiment> = Experiment::ALL.into_iter().filter(chosen).collect();
             let mut measured = Ok(());
             for experiment in &chosen {
-                measured = measured.and_then(|()| experiment.measure(&mut laboratory));
+                measured = measured.and_then(|()| experiment.measure(&mut context));
             }
             spinner.0.finish_and_clear();
             measured.map_err(Failure::failed)?;
@@ -134,13 +134,13 @@ fn conclude(arguments: &ExperimentArguments, measured: &[Experiment]) -> Result<
 
 /// Every certificate of the figures' missions, and their table.
 fn bounds(
-    laboratory: &mut Laboratory<'_>,
+    context: &mut ExperimentContext<'_>,
     spinner: &Spinner,
     page: Option<&Path>,
 ) -> Result<(), Failure> {
     let mut rows = Vec::new();
     for cell in Cell::all() {
-        let row = laboratory.bound(&cell).map_err(Failure::failed)?;
+        let row = context.bound(&cell).map_err(Failure::failed)?;
         let gap = 100.0 * (row.upper - row.lower) / row.upper;
         let line = format!(
             "{cell}: upper {:.4}, lower {:.4}, gap {gap:.3} %, {:.1} s, {:.1} s of processors",

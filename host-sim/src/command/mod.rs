@@ -37,7 +37,7 @@ pub(crate) enum Failure {
     /// A person ended it with ctrl-C before it was over: exit code 130.
     Interrupted(String),
     /// Whoever read our output has had enough, which is no failure.
-    NobodyReads,
+    BrokenPipe,
 }
 
 impl Failure {
@@ -54,7 +54,7 @@ impl Failure {
     /// Prints the line and gives the exit code.
     pub(crate) fn report(self) -> ExitCode {
         let (problem, code) = match self {
-            Self::NobodyReads => return ExitCode::SUCCESS,
+            Self::BrokenPipe => return ExitCode::SUCCESS,
             Self::BadInput(problem) => (problem, 2),
             Self::Failed(problem) => (problem, 1),
             Self::Interrupted(problem) => (problem, interrupt::EXIT_CODE),
@@ -67,7 +67,7 @@ impl Failure {
 impl From<io::Error> for Failure {
     fn from(error: io::Error) -> Self {
         if error.kind() == io::ErrorKind::BrokenPipe {
-            return Self::NobodyReads;
+            return Self::BrokenPipe;
         }
         Self::failed(error)
     }

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::{
     cell::{Cell, Learner, Topology, Training},
     claims::{Claim, Tally, Verdict},
+    context::ExperimentContext,
     figure::{Axis, Figure, LOOKS, Panel, Series},
-    laboratory::Laboratory,
     learning_rows::{LearningRow, TABLE_ONE_RATE, rate_of},
     rounded, statistics,
 };
@@ -41,8 +41,8 @@ pub(super) fn trainings() -> Vec<Training> {
 }
 
 /// Means over the seeds.
-pub(super) fn measure(laboratory: &mut Laboratory<'_>) -> Result<Vec<CurveRow>, String> {
-    let rows = laboratory.learning_curves(&trainings())?;
+pub(super) fn measure(context: &mut ExperimentContext<'_>) -> Result<Vec<CurveRow>, String> {
+    let rows = context.learning_curves(&trainings())?;
     let digest = Cell::table_one(Topology::Separated).scenario()?.digest();
     let mut curves = Vec::new();
     for rate in LEARNING_RATES.map(rate_of) {

@@ -4,7 +4,7 @@
 //! | room | what it owns |
 //! |---|---|
 //! | [`cell`] | the missions that are flown, the trainings that policies come from, their names |
-//! | [`laboratory`] | policies (shipped or trained now), certified bounds, flights |
+//! | [`context`] | policies (shipped or trained now), certified bounds, flights |
 //! | [`totals`] | figures of total rates: `approaches`, `noise`, `strategies`, `mission-time` |
 //! | [`service`] | figures of single flights: trajectories, `schedule`, `data-per-user` |
 //! | [`convergence`] | learning curves |
@@ -16,9 +16,9 @@
 
 pub mod cell;
 pub mod claims;
+pub mod context;
 mod convergence;
 mod figure;
-pub mod laboratory;
 mod learning_rows;
 pub mod report;
 pub mod service;
@@ -28,7 +28,7 @@ pub mod totals;
 
 use std::{fmt::Debug, path::Path};
 
-pub use laboratory::{Laboratory, Settings};
+pub use context::{ExperimentContext, Settings};
 
 use claims::Claim;
 
@@ -108,17 +108,17 @@ impl Experiment {
     ///
     /// # Errors
     /// What is missing or fails, in one line.
-    pub fn measure(self, laboratory: &mut Laboratory<'_>) -> Result<(), String> {
-        let path = self.csv(&laboratory.settings().out);
+    pub fn measure(self, context: &mut ExperimentContext<'_>) -> Result<(), String> {
+        let path = self.csv(&context.settings().out);
         match self {
-            Self::Convergence => table::write(&path, &convergence::measure(laboratory)?),
+            Self::Convergence => table::write(&path, &convergence::measure(context)?),
             Self::TrajectoriesSeparated
             | Self::TrajectoriesMixed
             | Self::TrajectoriesCompared
-            | Self::Schedule => table::write(&path, &service::measure(self, laboratory)?),
-            Self::DataPerUser => table::write(&path, &service::measure_data(laboratory)?),
+            | Self::Schedule => table::write(&path, &service::measure(self, context)?),
+            Self::DataPerUser => table::write(&path, &service::measure_data(context)?),
             Self::Approaches | Self::Noise | Self::Strategies | Self::MissionTime => {
-                table::write(&path, &totals::measure(self, laboratory)?)
+                table::write(&path, &totals::measure(self, context)?)
             }
         }
     }

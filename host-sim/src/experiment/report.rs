@@ -8,10 +8,10 @@ use std::{
 };
 
 use super::{
-    Experiment, Laboratory,
+    Experiment, ExperimentContext,
     cell::{Cell, Learner, Training},
     claims::{Claim, Verdict},
-    laboratory::BoundRow,
+    context::BoundRow,
     table,
     totals::{Approach, TotalRow},
 };
@@ -300,7 +300,7 @@ pub fn write_bounds(rows: &[BoundRow], path: &Path) -> Result<(), String> {
 ///
 /// # Errors
 /// A policy that does not load, fit or fly, a file that cannot be written.
-pub fn write_cards(laboratory: &mut Laboratory<'_>, path: &Path) -> Result<(), String> {
+pub fn write_cards(context: &mut ExperimentContext<'_>, path: &Path) -> Result<(), String> {
     let mut text = String::from(
         "# Policies of the figures\n\n\
          Written by `host-sim experiment cards`, which flies every policy here on its mission \
@@ -317,13 +317,13 @@ pub fn write_cards(laboratory: &mut Laboratory<'_>, path: &Path) -> Result<(), S
          | policy | scenario digest | kept after | total rate | of the bound | straight line | \
          arrived, fair | slots over Gamma | shield acted |\n|---|---|---|---|---|---|---|---|---|\n",
     );
-    let seeds = laboratory.settings().seeds;
+    let seeds = context.settings().seeds;
     for cell in Cell::all() {
         for learner in [Learner::Sac, Learner::SacTableOne, Learner::Ddpg] {
             for seed in 1..=seeds {
                 let training = Training::new(cell, learner, seed);
-                if let Some(file) = laboratory.find(&training) {
-                    let row = card(laboratory, &training, file)?;
+                if let Some(file) = context.find(&training) {
+                    let row = card(context, &training, file)?;
                     let _ = writeln!(text, "{row}");
                 }
             }
@@ -333,7 +333,7 @@ pub fn write_cards(laboratory: &mut Laboratory<'_>, path: &Path) -> Result<(), S
 }
 
 fn card(
-    laboratory: &mut Laboratory<'_>,
+    context: &mut ExperimentContext<'_>,
     training: &Training,
     file: PathBuf,
 ) -> Result<impl Display + use<>, String> {
@@ -342,15 +342,15 @@ fn card(
     let (policy, _) = HostPolicy::load(&choice, &cell.scenario()?)?;
     let provenance = policy.provenance();
     let kept = provenance.map_or(0, |provenance| provenance.episodes);
-    let flown = laboratory.fly(cell, &choice, Allocation::Exact)?.summary();
+    let flown = context.fly(cell, &choice, Allocation::Exact)?.summary();
     let digest = provenance.map_or("", |provenance| &provenance.scenario_digest);
     if digest != flown.scenario_digest {
         return Err(format!(
             "{training}.onnx was trained on another mission than its name says"
         ));
     }
-    let line = laboratory.fly(cell, &PolicyChoice::StraightLine, Allocation::Exact)?;
-    let bound = laboratory.bound(cell)?;
+    let line = context.fly(cell, &PolicyChoice::StraightLine, Allocation::Exact)?;
+    let bound = context.bound(cell)?;
     let yes = |is: bool| if is { "yes" } else { "no" };
     Ok(format!(
         "| {training} | `{}` | {kept} | {:.3} | {:.1} % | {:.3} | {}, {} | {} | {} |",

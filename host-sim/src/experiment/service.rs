@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::{
     Experiment,
     cell::{Cell, Learner, MSE_THRESHOLDS, Topology, Training},
+    context::ExperimentContext,
     figure::{Axis, Figure, LOOKS, Line, Look, Marker, Panel, Series, look},
-    laboratory::Laboratory,
     rounded,
     totals::Approach,
 };
@@ -103,7 +103,7 @@ fn flights(experiment: Experiment) -> Vec<(Cell, Approach)> {
 
 fn fly(
     experiment: Experiment,
-    laboratory: &Laboratory<'_>,
+    context: &ExperimentContext<'_>,
 ) -> Result<Vec<(Cell, Approach, FlightRecord)>, String> {
     let flights = flights(experiment);
     let training = |cell: Cell, approach: Approach| match approach {
@@ -114,13 +114,13 @@ fn fly(
     let wanted = flights
         .iter()
         .filter_map(|&(cell, approach)| training(cell, approach));
-    let files = laboratory.policies(&wanted.collect::<Vec<_>>())?;
+    let files = context.policies(&wanted.collect::<Vec<_>>())?;
     let mut files = files.into_iter();
     let mut flown = Vec::new();
     for (cell, approach) in flights {
         let file = training(cell, approach).and_then(|_| files.next());
         let policy = file.map_or(PolicyChoice::StraightLine, PolicyChoice::File);
-        let record = laboratory.fly(&cell, &policy, Allocation::Exact)?;
+        let record = context.fly(&cell, &policy, Allocation::Exact)?;
         flown.push((cell, approach, record));
     }
     Ok(flown)
@@ -129,10 +129,10 @@ fn fly(
 /// The slots of all flights of a figure.
 pub(super) fn measure(
     experiment: Experiment,
-    laboratory: &mut Laboratory<'_>,
+    context: &mut ExperimentContext<'_>,
 ) -> Result<Vec<SlotRow>, String> {
     let mut rows = Vec::new();
-    for (cell, approach, record) in fly(experiment, laboratory)? {
+    for (cell, approach, record) in fly(experiment, context)? {
         let mission = &record.scenario.mission;
         let users = &mission.parameters().users;
         let mut counts = vec![0; users.len()];
@@ -164,9 +164,9 @@ pub(super) fn measure(
 }
 
 /// What each user has sent in all flights of `data-per-user`.
-pub(super) fn measure_data(laboratory: &mut Laboratory<'_>) -> Result<Vec<DataRow>, String> {
+pub(super) fn measure_data(context: &mut ExperimentContext<'_>) -> Result<Vec<DataRow>, String> {
     let mut rows = Vec::new();
-    for (cell, _, record) in fly(Experiment::DataPerUser, laboratory)? {
+    for (cell, _, record) in fly(Experiment::DataPerUser, context)? {
         let slot_s = record.scenario.mission.parameters().slot_duration_s;
         let users = record.users().into_iter().enumerate();
         rows.extend(users.map(|(user, sent)| DataRow {

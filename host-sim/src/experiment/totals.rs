@@ -15,8 +15,8 @@ use super::{
         Training,
     },
     claims::range,
+    context::ExperimentContext,
     figure::{Axis, Figure, LOOKS, Look, Panel, Series},
-    laboratory::Laboratory,
     rounded, statistics,
 };
 use crate::{policy::PolicyChoice, record::Summary};
@@ -167,7 +167,7 @@ fn approaches(experiment: Experiment) -> &'static [Approach] {
 }
 
 /// One flight that a figure needs.
-struct Sortie {
+struct FlightJob {
     cell: Cell,
     approach: Approach,
     policy: PolicyChoice,
@@ -176,10 +176,10 @@ struct Sortie {
 /// Flies and certifies all that a figure shows.
 pub(super) fn measure(
     experiment: Experiment,
-    laboratory: &mut Laboratory<'_>,
+    context: &mut ExperimentContext<'_>,
 ) -> Result<Vec<TotalRow>, String> {
     let mut trainings: Vec<(Cell, Approach, Training)> = Vec::new();
-    let mut sorties = Vec::new();
+    let mut jobs = Vec::new();
     let mut plan = Vec::new();
     for cell in cells(experiment) {
         for &approach in approaches(experiment) {
@@ -188,7 +188,7 @@ pub(super) fn measure(
                 Approach::FixedPosition => PolicyChoice::Fixed,
                 _ => {
                     if let Some(learner) = approach.learner() {
-                        let seeds = laboratory.seeds(cell, learner);
+                        let seeds = context.seeds(cell, learner);
                         let seeds = seeds.into_iter();
                         trainings.extend(seeds.map(|training| (cell, approach, training)));
                     }
@@ -197,7 +197,7 @@ pub(super) fn measure(
                 }
             };
             plan.push((cell, approach));
-            sorties.push(Sortie {
+            jobs.push(FlightJob {
                 cell,
                 approach,
                 policy,
@@ -205,36 +205,36 @@ pub(super) fn measure(
         }
     }
     let wanted: Vec<Training> = trainings.iter().map(|(.., training)| *training).collect();
-    let files = laboratory.policies(&wanted)?;
+    let files = context.policies(&wanted)?;
     for ((cell, approach, _), file) in trainings.into_iter().zip(files) {
-        sorties.push(Sortie {
+        jobs.push(FlightJob {
             cell,
             approach,
             policy: PolicyChoice::File(file),
         });
     }
-    let flown: Result<Vec<Summary>, String> = sorties
+    let flown: Result<Vec<Summary>, String> = jobs
         .par_iter()
         .map(|sortie| {
-            let Sortie {
+            let FlightJob {
                 cell,
                 approach,
                 policy,
             } = sortie;
-            Ok(laboratory.fly(cell, policy, approach.inner())?.summary())
+            Ok(context.fly(cell, policy, approach.inner())?.summary())
         })
         .collect();
     let flown = flown?;
     let mut rows = Vec::new();
     for (cell, approach) in plan {
-        let summaries = sorties
+        let summaries = jobs
             .iter()
             .zip(&flown)
             .filter(|(sortie, _)| sortie.cell == cell && sortie.approach == approach);
         let summaries: Vec<&Summary> = summaries.map(|(_, summary)| summary).collect();
         rows.push(match approach {
-            Approach::Search => certified(cell, approach, laboratory.bound(&cell)?.lower),
-            Approach::Bound => certified(cell, approach, laboratory.bound(&cell)?.upper),
+            Approach::Search => certified(cell, approach, context.bound(&cell)?.lower),
+            Approach::Bound => certified(cell, approach, context.bound(&cell)?.upper),
             _ => total(cell, approach, &summaries),
         });
     }

@@ -24,7 +24,7 @@ use crate::{
     record::{FlightEvent, FlightRecord, PathSample},
     world::World,
 };
-use link::Silence;
+use link::NoHeartbeat;
 use scenario::Scenario;
 use vehicle::Profile;
 
@@ -178,10 +178,10 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             }
             let waited = now.duration_since(Instant::ZERO);
             if self.onboard.autopilot().phase() == Phase::Connecting && waited > CONNECT_PATIENCE {
-                return Err(FlightError::NobodyThere(Silence {
+                return Err(FlightError::NobodyThere(NoHeartbeat {
                     waited_s: waited.as_secs_f64(),
                     refused: self.onboard.status().mavlink.refused(),
-                    trouble: peer.trouble(),
+                    last_error: peer.last_error(),
                 }));
             }
             self.clock.advance(peer)?;
@@ -450,8 +450,8 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             && autopilot.is_link_silent(now)
         {
             reason += &format!("; nothing heard for {:.0} s", age.as_secs_f64());
-            if let Some(trouble) = peer.trouble() {
-                reason += &format!(" ({trouble})");
+            if let Some(last_error) = peer.last_error() {
+                reason += &format!(" ({last_error})");
             }
         }
         FlightError::BrokenOff {

@@ -1,7 +1,7 @@
 //! How a flight ends when it does not end well.
 
 use firmware_core::autopilot::SettingsError;
-use link::Silence;
+use link::NoHeartbeat;
 use thiserror::Error;
 
 use super::airframe::WrongProfile;
@@ -24,7 +24,7 @@ pub enum FlightError {
     WrongProfile(#[from] WrongProfile),
     /// No autopilot at the other end.
     #[error("{0}")]
-    NobodyThere(Silence),
+    NobodyThere(NoHeartbeat),
     /// The mission was broken off.
     #[error("broken off after {slots_done} of {slots} slots: {reason}")]
     BrokenOff {

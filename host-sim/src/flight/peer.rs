@@ -21,7 +21,7 @@ use firmware_core::{
 use super::observer::Observer;
 use crate::journal::ParameterJournal;
 use link::{
-    Beside, Link,
+    GroundStationTap, Link,
     lossy::{Channel, Impairment},
     tlog::{SIMULATED_EPOCH_US, TlogWriter, wall_clock_us},
 };
@@ -37,7 +37,7 @@ pub struct Peer {
     /// To the vehicle and from it, where the link is a bad one.
     impaired: Option<(Channel, Channel)>,
     /// Who listens, and where: the link as `--also` says it.
-    beside: Vec<(String, Beside)>,
+    beside: Vec<(String, GroundStationTap)>,
     key: Option<SigningKey>,
     set_parameters: bool,
     airframe_speed_mps: Option<f64>,
@@ -130,7 +130,8 @@ impl Peer {
     /// A ground station listens beside: it hears what our client hears and says, and what it says
     /// goes to the vehicle. `name` is for the note where it was never reached.
     pub fn beside(mut self, name: &str, link: Box<dyn Link>) -> Self {
-        self.beside.push((name.to_owned(), Beside::new(link)));
+        self.beside
+            .push((name.to_owned(), GroundStationTap::new(link)));
         self
     }
 
@@ -364,10 +365,10 @@ impl Peer {
     }
 
     /// Why the link is down, where that is known.
-    pub(super) fn trouble(&self) -> Option<String> {
+    pub(super) fn last_error(&self) -> Option<String> {
         match &self.vessel {
             Vessel::BuiltIn(_) => None,
-            Vessel::Elsewhere { link, .. } => link.trouble(),
+            Vessel::Elsewhere { link, .. } => link.last_error(),
         }
     }
 

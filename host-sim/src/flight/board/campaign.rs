@@ -284,8 +284,9 @@ impl Campaign {
         let faults: Vec<Fault> = (status.slots_done + 1 - SLOTS_EACH..=status.slots_done)
             .flat_map(|slot| self.schedule.faults(slot, Direction::Up))
             .collect();
-        let undecided =
-            |fault: &Fault| fault.is_damage() || matches!(fault, Fault::Silence | Fault::Flood(_));
+        let undecided = |fault: &Fault| {
+            fault.is_damage() || matches!(fault, Fault::NoHeartbeat | Fault::Flood(_))
+        };
         if !faults.iter().any(undecided) {
             let counted = (
                 link.version - before.link.version,
@@ -376,7 +377,7 @@ fn kind(fault: &Fault) -> &'static str {
         Fault::Insert(_) => "injected: bytes inserted",
         Fault::Repeat(_) => "injected: bytes repeated",
         Fault::Cut => "injected: frames cut",
-        Fault::Silence => "injected: silence",
+        Fault::NoHeartbeat => "injected: silence",
         Fault::Flood(_) => "injected: floods",
         Fault::OtherVersion => "injected: another version",
         Fault::Echo => "injected: echoes",

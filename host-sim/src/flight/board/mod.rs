@@ -45,7 +45,7 @@ use crate::{
     record::{FlightEvent, FlightRecord, PathSample},
     world::World,
 };
-use link::Silence;
+use link::NoHeartbeat;
 use scenario::Scenario;
 use vehicle::Profile;
 
@@ -271,10 +271,10 @@ impl<B: Board> BoardFlight<'_, B> {
             }
             let waited = now.duration_since(Instant::ZERO);
             if round.phase == Phase::Connecting && waited > CONNECT_PATIENCE {
-                return Err(FlightError::NobodyThere(Silence {
+                return Err(FlightError::NobodyThere(NoHeartbeat {
                     waited_s: waited.as_secs_f64(),
                     refused: 0,
-                    trouble: peer.trouble(),
+                    last_error: peer.last_error(),
                 }));
             }
             if !stop_asked && observer.wants_stop() {

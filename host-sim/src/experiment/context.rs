@@ -74,7 +74,7 @@ pub struct BoundRow {
 
 /// Makes what the figures are made of.
 #[derive(Debug)]
-pub struct Laboratory<'a> {
+pub struct ExperimentContext<'a> {
     settings: Settings,
     bounds: BTreeMap<String, BoundRow>,
     watcher: &'a dyn Watcher,
@@ -83,7 +83,7 @@ pub struct Laboratory<'a> {
 /// The file of bounds, among the shipped policies and where results go.
 pub const BOUNDS: &str = "bounds.csv";
 
-impl<'a> Laboratory<'a> {
+impl<'a> ExperimentContext<'a> {
     /// Reads the bounds that are known.
     ///
     /// # Errors
