@@ -29,7 +29,7 @@ pub enum Fault {
     /// Frames end somewhere in the middle.
     Cut,
     /// Nothing passes.
-    NoHeartbeat,
+    Silence,
     /// Before every frame comes so much noise without a delimiter.
     Flood(usize),
     /// To the vehicle: a frame of another protocol version before each frame.
@@ -81,7 +81,7 @@ impl Fault {
             2 => Self::Insert(rate),
             3 => Self::Repeat(rate),
             4 => Self::Cut,
-            5 => Self::NoHeartbeat,
+            5 => Self::Silence,
             6 => Self::Flood(random.random_range(1..4 * FRAME_MAX)),
             7 => Self::OtherVersion,
             8 => Self::Echo,
@@ -134,7 +134,7 @@ impl Schedule {
             let begin = random.random_range(from_slot..to_slot);
             let fault = Fault::draw(random);
             let carried_by_any =
-                fault.is_damage() || matches!(fault, Fault::NoHeartbeat | Fault::Flood(_));
+                fault.is_damage() || matches!(fault, Fault::Silence | Fault::Flood(_));
             Episode {
                 fault,
                 direction: if carried_by_any && random.random() {
@@ -352,7 +352,7 @@ impl<T: Scalar> FaultyLink<T> {
                     bytes = more;
                 }
                 Fault::Cut => bytes.truncate(random.random_range(0..bytes.len().max(1))),
-                Fault::NoHeartbeat => bytes.clear(),
+                Fault::Silence => bytes.clear(),
                 Fault::Flood(length) => {
                     let noise = std::iter::repeat_with(|| random.random_range(1..=u8::MAX));
                     let noise: Vec<u8> = noise.take(length).collect();

@@ -395,9 +395,8 @@ impl Campaign {
         let faults: Vec<Fault> = (slot - SLOTS_EACH + 1..=slot)
             .flat_map(|slot| self.schedule.faults(slot, Direction::Up))
             .collect();
-        let undecided = |fault: &Fault| {
-            fault.is_damage() || matches!(fault, Fault::NoHeartbeat | Fault::Flood(_))
-        };
+        let undecided =
+            |fault: &Fault| fault.is_damage() || matches!(fault, Fault::Silence | Fault::Flood(_));
         if faults.iter().any(undecided) {
             return;
         }

@@ -284,9 +284,8 @@ impl Campaign {
         let faults: Vec<Fault> = (status.slots_done + 1 - SLOTS_EACH..=status.slots_done)
             .flat_map(|slot| self.schedule.faults(slot, Direction::Up))
             .collect();
-        let undecided = |fault: &Fault| {
-            fault.is_damage() || matches!(fault, Fault::NoHeartbeat | Fault::Flood(_))
-        };
+        let undecided =
+            |fault: &Fault| fault.is_damage() || matches!(fault, Fault::Silence | Fault::Flood(_));
         if !faults.iter().any(undecided) {
             let counted = (
                 link.version - before.link.version,
@@ -377,7 +376,7 @@ fn kind(fault: &Fault) -> &'static str {
         Fault::Insert(_) => "injected: bytes inserted",
         Fault::Repeat(_) => "injected: bytes repeated",
         Fault::Cut => "injected: frames cut",
-        Fault::NoHeartbeat => "injected: silence",
+        Fault::Silence => "injected: silence",
         Fault::Flood(_) => "injected: floods",
         Fault::OtherVersion => "injected: another version",
         Fault::Echo => "injected: echoes",
