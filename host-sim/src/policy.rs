@@ -16,7 +16,7 @@ use firmware_core::{
 use files::input;
 use planning::bound;
 use planning::planner::{self, HostPlanner, PlanProgress};
-use planning::search::SearchPolicy;
+use planning::{search::SearchPolicy, waypoint_file};
 use scenario::Scenario;
 
 /// Who decides, as named.
@@ -36,6 +36,8 @@ pub enum PolicyChoice {
     Plan,
     /// A trained policy.
     File(PathBuf),
+    /// Waypoints that somebody else has planned: see [`waypoint_file`].
+    Waypoints(PathBuf),
 }
 
 impl FromStr for PolicyChoice {
@@ -52,8 +54,10 @@ impl FromStr for PolicyChoice {
                 let path = PathBuf::from(text);
                 match path.extension().and_then(|extension| extension.to_str()) {
                     Some("onnx" | "policy") => Ok(Self::File(path)),
+                    Some("csv" | "plan") => Ok(Self::Waypoints(path)),
                     _ => Err(
-                        "must be shipped, plan, straight-line, fixed, search, or a file that ends in .onnx or .policy"
+                        "must be shipped, plan, straight-line, fixed, search, or a file that ends in .onnx, \
+                         .policy, .csv or .plan"
                             .into(),
                     ),
                 }
@@ -71,7 +75,7 @@ impl fmt::Display for PolicyChoice {
             Self::Search => f.write_str("search"),
             Self::Plan => f.write_str("plan"),
             // Where a file lies is no part of what it decides.
-            Self::File(path) => match path.file_name() {
+            Self::File(path) | Self::Waypoints(path) => match path.file_name() {
                 Some(name) => name.to_string_lossy().fmt(f),
                 None => path.display().fmt(f),
             },
@@ -177,6 +181,11 @@ impl HostPolicy {
             PolicyChoice::File(path) => {
                 let file = input::read(path).map_err(|error| named(path, error))?;
                 Self::from_file(path, file, scenario)?
+            }
+            PolicyChoice::Waypoints(path) => {
+                let file = input::read(path).map_err(|error| named(path, error))?;
+                let plan = waypoint_file::read(path, &file, scenario);
+                Self::Search(SearchPolicy::new(plan.map_err(|error| named(path, error))?))
             }
         };
         Ok((policy, choice.to_string()))

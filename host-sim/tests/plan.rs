@@ -196,3 +196,36 @@ fn the_benchmark_compares_policies_with_bounds_and_resumes() {
     assert_eq!(json(&arguments), found);
     assert_eq!(flights(), before);
 }
+
+/// A run's own `slots.csv` and a `.plan` file are flown again as they were: by number, slot by slot.
+#[test]
+fn waypoints_that_were_planned_elsewhere_are_flown() {
+    let folder = tempdir().expect("a folder");
+    let [first, again, plan] =
+        ["first", "again", "mission.plan"].map(|name| folder.path().join(name));
+    let run =
+        |policy: &str, out: &Path| json(&["run", "--json", "--policy", policy, "--out", text(out)]);
+    let flown = run("straight-line", &first);
+    let slots = first.join("slots.csv");
+    let flown_again = run(text(&slots), &again);
+    assert_eq!(flown_again["policy"], "slots.csv");
+    let total = |summary: &Value| summary["sum_rate"].as_f64().expect("a number");
+    assert!((total(&flown_again) / total(&flown) - 1.0).abs() < 1e-6);
+
+    succeeds(&["plan", "--out", text(&plan)]);
+    let planned = run("plan", &first);
+    let from_file = run(text(&plan), &again);
+    assert!(
+        (total(&from_file) / total(&planned) - 1.0).abs() < 2e-3,
+        "{from_file}"
+    );
+    assert_eq!(from_file["constraint_violations"], 0);
+
+    let refused = host_sim(&["run", "--slots", "70", "--policy", text(&plan)]);
+    assert_eq!(refused.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(
+        said.contains("mission.plan: has 60 waypoints, but the mission has 70 slots"),
+        "{said}"
+    );
+}

@@ -4,9 +4,11 @@
 //! * [`bound`]: an upper bound of the data that any mission can carry, certified.
 //! * [`search`]: a feasible mission close to it, offline.
 //! * [`planner`]: [`firmware_core::planner`] with the host's memory, and `.plan` files.
+//! * [`waypoint_file`]: missions that somebody else has planned.
 
 #![deny(missing_docs)]
 
 pub mod bound;
 pub mod planner;
 pub mod search;
+pub mod waypoint_file;

@@ -34,8 +34,8 @@ pub(crate) struct RunArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
     /// Who decides: shipped (the policy that was trained for a shipped scenario; plan for any other),
-    /// plan (the onboard planner, for any mission), straight-line, fixed, search, or a file that ends
-    /// in .onnx or .policy
+    /// plan (the onboard planner, for any mission), straight-line, fixed, search, or a file: .onnx
+    /// or .policy (a trained policy), .csv or .plan (waypoints that were planned elsewhere)
     #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
     /// How the powers of a slot are chosen: exact, alternating (the paper's Alg. 1), or its
