@@ -4,6 +4,7 @@ use std::{
     fmt,
     path::{Path, PathBuf},
     str::FromStr,
+    sync::LazyLock,
 };
 
 #[cfg(feature = "onnx")]
@@ -22,8 +23,8 @@ use scenario::Scenario;
 /// Who decides, as named.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum PolicyChoice {
-    /// The trained policy that is shipped for the scenario; the onboard planner for every other
-    /// scenario, and in a build without the feature `onnx`.
+    /// The trained policy that is shipped for the mission (SAC with Table I's settings); the onboard
+    /// planner for every other mission, and in a build without the feature `onnx`.
     #[default]
     Shipped,
     /// Straight to the destination, nearest user.
@@ -83,29 +84,62 @@ impl fmt::Display for PolicyChoice {
     }
 }
 
-/// The policy that is shipped for the ground that a scenario covers: its file's name and content.
-fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
-    let files: [(&str, &str, &[u8]); 2] = [
+/// Embeds policies of `models/cells`: their names and contents.
+macro_rules! cells {
+    ($($name:literal,)*) => {
+        [$((
+            concat!($name, ".onnx"),
+            include_bytes!(concat!("../../models/cells/", $name, ".onnx")),
+        ),)*]
+    };
+}
+
+/// The policies that are shipped: SAC with Table I's settings, each for its own mission.
+static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
+    let default: [(&str, &[u8]); 2] = [
         (
-            "separated",
             "separated-sac.onnx",
             include_bytes!("../../models/separated-sac.onnx"),
         ),
         (
-            "mixed",
             "mixed-sac.onnx",
             include_bytes!("../../models/mixed-sac.onnx"),
         ),
     ];
-    let ground = |scenario: &Scenario| {
-        let p = scenario.mission.parameters();
-        (p.start, p.destination, p.users.clone(), p.sensors.clone())
+    let cells: [(&str, &[u8]); CELLS] = cells![
+        "mixed-t60-n85-g0.010-sac-paper-s1",
+        "mixed-t60-n85-g0.015-sac-paper-s1",
+        "mixed-t60-n85-g0.020-sac-paper-s1",
+        "mixed-t60-n85-g0.025-sac-paper-s1",
+        "mixed-t60-n95-g0.010-sac-paper-s1",
+        "mixed-t60-n95-g0.015-sac-paper-s1",
+        "mixed-t60-n95-g0.020-sac-paper-s1",
+        "mixed-t60-n95-g0.025-sac-paper-s1",
+        "separated-t60-n85-g0.010-sac-paper-s1",
+        "separated-t60-n85-g0.015-sac-paper-s1",
+        "separated-t60-n85-g0.020-sac-paper-s1",
+        "separated-t60-n85-g0.025-sac-paper-s1",
+        "separated-t60-n95-g0.010-sac-paper-s1",
+        "separated-t60-n95-g0.015-sac-paper-s1",
+        "separated-t60-n95-g0.020-sac-paper-s1",
+        "separated-t60-n95-g0.025-sac-paper-s1",
+    ];
+    default.into_iter().chain(cells).collect()
+});
+/// How many of them are for the missions of the paper's figures.
+const CELLS: usize = 16;
+
+/// Returns the policy that was trained for the mission of a scenario, if one is shipped: its file's
+/// name and content.
+fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
+    // The digest is text in the file: reading all of them as networks would take a second.
+    let digest = scenario.digest();
+    let names_it = |file: &[u8]| {
+        let mut parts = file.windows(digest.len());
+        parts.any(|part| part == digest.as_bytes())
     };
-    let here = ground(scenario);
-    let (_, name, file) = files.into_iter().find(|(topology, ..)| {
-        Scenario::shipped(topology).is_some_and(|trained_on| ground(&trained_on) == here)
-    })?;
-    cfg!(feature = "onnx").then_some((name, file))
+    let found = SHIPPED.iter().find(|(_, file)| names_it(file))?;
+    cfg!(feature = "onnx").then_some(*found)
 }
 
 /// A policy of any kind, ready to decide.
@@ -158,10 +192,8 @@ impl HostPolicy {
         let policy = match choice {
             PolicyChoice::Shipped => {
                 if let Some((name, file)) = shipped(scenario) {
-                    // The same ground at another speed, say, is no mission of that policy.
-                    if let Ok(policy) = Self::from_file(Path::new(name), file.to_vec(), scenario) {
-                        return Ok((policy, name.into()));
-                    }
+                    let policy = Self::from_file(Path::new(name), file.to_vec(), scenario)?;
+                    return Ok((policy, name.into()));
                 }
                 return Self::load_watched(&PolicyChoice::Plan, scenario, progress);
             }
@@ -266,6 +298,24 @@ mod tests {
     fn shipped(name: &str) -> PolicyChoice {
         let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
         PolicyChoice::File(models.join(name))
+    }
+
+    #[test]
+    fn the_policy_that_was_trained_for_the_mission_is_taken() {
+        let scenario = Scenario::shipped("mixed").expect("shipped");
+        for (threshold, expected) in [
+            (0.015, "mixed-sac.onnx"),
+            (0.02, "mixed-t60-n95-g0.020-sac-paper-s1.onnx"),
+            (0.0123, "plan"),
+        ] {
+            let scenario = scenario
+                .clone()
+                .with_mse_threshold(threshold)
+                .expect("valid");
+            let (policy, name) = HostPolicy::load(&PolicyChoice::Shipped, &scenario).expect("one");
+            assert_eq!(name, expected);
+            assert_eq!(policy.foreign_mission(&scenario), None);
+        }
     }
 
     #[test]

@@ -114,7 +114,7 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     }
     let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
-        eprintln!("no trained policy is shipped for this scenario: {policy_name} flies");
+        eprintln!("no trained policy is shipped for this mission: {policy_name} flies");
     }
     if let Some(warning) = policy.foreign_mission(&scenario) {
         eprintln!("warning: {policy_name}: {warning}");
