@@ -31,7 +31,7 @@ pub use choice::{Changes, ScenarioChoice};
 pub use random::{Layout, random};
 pub use rates::{PlaceRates, with_field};
 pub use sensing::{Function, Sensing, TemperatureField};
-pub use topology::{Topology, generate};
+pub use topology::{Course, Topology, generate, generate_on};
 
 /// The mission as the host flies it: in double precision, at the default capacities.
 pub type HostMission = Mission<f64, USERS_MAX, SENSORS_MAX>;

@@ -167,3 +167,34 @@ fn a_made_scenario_is_as_strict_per_sensor_whatever_their_number() {
         assert!((share - 0.54).abs() < 1e-3, "{sensors}: {share}");
     }
 }
+
+#[test]
+fn a_layout_is_spread_over_the_area_that_is_asked_for() {
+    let course = Course {
+        slots: 90,
+        area_m: [2000.0, 500.0],
+        start_m: Some([0.0, 250.0]),
+        destination_m: None,
+    };
+    let scenario = generate_on(Topology::Separated, 1, 15, 36, &course).unwrap();
+    let p = scenario.mission.parameters();
+    assert_eq!((p.area.east_m, p.area.north_m), (2000.0, 500.0));
+    assert_eq!((p.start.x, p.start.y), (0.0, 250.0));
+    assert_eq!((p.destination.x, p.destination.y), (1900.0, 475.0));
+    assert_eq!(scenario.mission.slots(), 90);
+    assert!(
+        p.users
+            .iter()
+            .all(|user| user.x <= 900.0 && user.y >= 275.0)
+    );
+    for area_m in [[0.0, 1000.0], [f64::NAN, 1.0], [1e9, 1e9]] {
+        let course = Course { area_m, ..course };
+        let problem = generate_on(Topology::Mixed, 1, 3, 3, &course).unwrap_err();
+        assert!(problem.starts_with("mission.area_m: east is "), "{problem}");
+    }
+    let far = Course {
+        slots: 16,
+        ..course
+    };
+    assert!(generate_on(Topology::Mixed, 1, 3, 3, &far).is_err());
+}

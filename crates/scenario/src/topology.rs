@@ -38,6 +38,57 @@ pub fn generate(
     users: usize,
     sensors: usize,
 ) -> Result<Scenario, String> {
+    generate_on(topology, seed, users, sensors, &Course::default())
+}
+
+/// The ground of a mission and the way over it, where they differ from Table I's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Course {
+    /// Number of slots, N.
+    pub slots: u32,
+    /// Extent of the area, east and north, m. Users and sensors are spread over it as over Table I's.
+    pub area_m: [f64; 2],
+    /// Start, east and north, m; near the south-west corner by default.
+    pub start_m: Option<[f64; 2]>,
+    /// Destination, east and north, m; near the north-east corner by default.
+    pub destination_m: Option<[f64; 2]>,
+}
+
+impl Default for Course {
+    fn default() -> Self {
+        Self {
+            slots: 60,
+            area_m: [TABLE_ONE_AREA_M; 2],
+            start_m: None,
+            destination_m: None,
+        }
+    }
+}
+
+/// Side of Table I's area, m.
+const TABLE_ONE_AREA_M: f64 = 1000.0;
+/// The longest side of an area that users are spread over, m.
+const LONGEST_SIDE_M: f64 = 1e6;
+
+/// Returns a scenario as [`generate`] does, on another ground.
+///
+/// # Errors
+/// As [`generate`]; an area without extent; a mission that cannot be flown, such as one whose
+/// destination is out of reach.
+pub fn generate_on(
+    topology: Topology,
+    seed: u64,
+    users: usize,
+    sensors: usize,
+    course: &Course,
+) -> Result<Scenario, String> {
+    for (axis, side_m) in ["east", "north"].into_iter().zip(course.area_m) {
+        if !(side_m >= 1.0 && side_m <= LONGEST_SIDE_M) {
+            return Err(format!(
+                "mission.area_m: {axis} is {side_m}, but must be from 1 to {LONGEST_SIDE_M} m"
+            ));
+        }
+    }
     // Before anything is drawn: a number of terabytes is no layout.
     for (what, count, most) in [
         ("users", users, USERS_MAX),
@@ -56,14 +107,19 @@ pub fn generate(
         ),
         Topology::Mixed => ([[150.0, 850.0]; 2], [[150.0, 850.0]; 2]),
     };
+    let [east, north] = course.area_m.map(|side_m| side_m / TABLE_ONE_AREA_M);
+    let scaled = |[x, y]: [f64; 2]| [x * east, y * north];
+    let spread = |[across, along]: Rectangle| -> Rectangle {
+        [across.map(|x| x * east), along.map(|y| y * north)]
+    };
     let mut random = Pcg64::seed_from_u64(seed);
     let file = ScenarioFile {
         mission: MissionTable {
-            slots: 60,
+            slots: course.slots,
             slot_duration_s: 1.0,
-            start_m: [50.0, 50.0],
-            destination_m: [950.0, 950.0],
-            area_m: [1000.0, 1000.0],
+            start_m: course.start_m.unwrap_or(scaled([50.0, 50.0])),
+            destination_m: course.destination_m.unwrap_or(scaled([950.0, 950.0])),
+            area_m: course.area_m,
             altitude_m: 100.0,
             max_speed_mps: 30.0,
         },
@@ -82,10 +138,10 @@ pub fn generate(
         },
         users: UsersTable {
             power_max_w: 0.2,
-            positions_m: draw(&mut random, users, user_ground),
+            positions_m: draw(&mut random, users, spread(user_ground)),
         },
         sensors: SensorsTable {
-            positions_m: draw(&mut random, sensors, sensor_ground),
+            positions_m: draw(&mut random, sensors, spread(sensor_ground)),
         },
         origin: Origin::default(),
         sensing: Sensing::default(),

@@ -9,7 +9,7 @@ use std::{
 use clap::{Args, Subcommand};
 use firmware_core::{Position, autopilot::frames::MapFrame};
 use host_sim::report;
-use scenario::{Layout, Scenario, Topology, generate, random};
+use scenario::{Course, Layout, Scenario, Topology, generate_on, random};
 
 use super::{Failure, load_scenario};
 
@@ -54,12 +54,34 @@ pub(crate) struct NewArguments {
     /// Its MSE threshold (Gamma) [default: 0.54 / sensors, the paper's 0.015 for 36]
     #[arg(long, value_name = "GAMMA")]
     mse_threshold: Option<f64>,
+    /// How many slots (N)
+    #[arg(long, default_value_t = Course::default().slots, value_name = "N")]
+    slots: u32,
+    /// The extent of the area, m; the layout is spread over it
+    #[arg(long, default_value = "1000,1000", value_name = "EAST,NORTH", value_parser = pair)]
+    area_m: [f64; 2],
+    /// Where the mission starts, m [default: near the south-west corner]
+    #[arg(long, value_name = "EAST,NORTH", value_parser = pair)]
+    start_m: Option<[f64; 2]>,
+    /// Where it ends, m [default: near the north-east corner]
+    #[arg(long, value_name = "EAST,NORTH", value_parser = pair)]
+    destination_m: Option<[f64; 2]>,
     /// Where to write it; standard output without
     #[arg(long)]
     out: Option<PathBuf>,
     /// Replace a file that is there
     #[arg(long, requires = "out")]
     overwrite: bool,
+}
+
+/// Reads two numbers with a comma between them.
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    let read = |part: &str| part.trim().parse().ok().filter(|x: &f64| x.is_finite());
+    let numbers = text
+        .split_once(',')
+        .and_then(|(east, north)| read(east).zip(read(north)));
+    let (east, north) = numbers.ok_or("must be two numbers of metres, EAST,NORTH")?;
+    Ok([east, north])
 }
 
 /// Which missions to draw.
@@ -113,11 +135,17 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     match command {
         Command::New(arguments) => {
-            let scenario = generate(
+            let scenario = generate_on(
                 arguments.topology,
                 arguments.seed,
                 arguments.users,
                 arguments.sensors,
+                &Course {
+                    slots: arguments.slots,
+                    area_m: arguments.area_m,
+                    start_m: arguments.start_m,
+                    destination_m: arguments.destination_m,
+                },
             )
             .map_err(Failure::bad_input)?;
             let scenario = match arguments.mse_threshold {
