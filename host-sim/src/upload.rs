@@ -4,6 +4,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use firmware_core::Position;
+use firmware_core::autopilot::failsafe::Cause;
 use firmware_core::autopilot::frames::MapFrame;
 use firmware_core::autopilot::mission::{
     Ending, Left, MissionPlan, MissionUpload, PlanError, SPACE_PATIENCE, UploadError,
@@ -135,8 +136,14 @@ fn take_events(
                 progress(Progress::Note(format!("{left}; set it by hand")));
                 continue;
             }
-            // The phases are those of a flight by setpoints, which this is not.
-            Event::Phase(_) | Event::Waiting(Obstacle::AlreadyArmed) => continue,
+            // The phases are those of a flight by setpoints, which this is not; the client is stopped
+            // when parameters are put back.
+            Event::Phase(_)
+            | Event::Waiting(Obstacle::AlreadyArmed)
+            | Event::Failsafe {
+                cause: Cause::StopAsked,
+                ..
+            } => continue,
             _ if !is_notable(&event) => continue,
             _ => {}
         }
