@@ -89,7 +89,7 @@ impl Campaign {
         }
     }
 
-    /// Ends the campaign after the flight and returns the tally, once no output is pending.
+    /// Ends the campaign after the flight, when no output is pending any more, and returns the tally.
     ///
     /// # Errors
     /// Returns an error if a slot is missing or the image has lost bytes.
