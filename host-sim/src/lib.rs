@@ -6,7 +6,7 @@
 //! |---|---|
 //! | [`world`], [`nomographic`] | the true channels, the signals, the measurements of the sensors |
 //! | [`flight`] | the loop that flies one mission with the world and the vehicle |
-//! | [`session`], [`doctor`], [`upload`], [`watch`] | a client of an autopilot that sends no setpoints |
+//! | [`session`], [`doctor`], [`upload`], [`watch`] | clients of an autopilot without setpoints |
 //! | [`serve`] | the built-in vehicle as a separate process |
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`], [`report`] | the record of a flight, and the pages made from it |

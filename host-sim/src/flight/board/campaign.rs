@@ -89,7 +89,7 @@ impl Campaign {
         }
     }
 
-    /// Ends the campaign after the flight, when no output is pending any more, and returns the tally.
+    /// Ends the campaign after the flight, when no output is pending, and returns the tally.
     ///
     /// # Errors
     /// Returns an error if a slot is missing or the image has lost bytes.
