@@ -1,7 +1,7 @@
-//! A look at an autopilot that moves nothing: would a mission fly, and how well?
+//! Examines an autopilot without moving the vehicle: whether a mission would fly, and how well.
 //!
-//! The client connects and checks as it does before every flight, and is never told to launch:
-//! it asks for telemetry and reads parameters, nothing else.
+//! The client connects and checks as it does before every flight and is never told to launch: it
+//! only requests telemetry and reads parameters.
 
 use std::fmt;
 use std::io;
@@ -20,25 +20,25 @@ use environment::Allocation;
 use scenario::Scenario;
 use vehicle::{Profile, Vehicle, VehicleSettings};
 
-/// What was found.
+/// The result of an examination.
 #[derive(Clone, Debug, Default)]
 pub struct Diagnosis {
-    /// System id and software; `None` if nobody was heard.
+    /// The system id and the software; `None` if no autopilot was received.
     pub vehicle: Option<(u8, Firmware)>,
-    /// What would stop a mission.
+    /// The problems that would prevent a mission.
     pub stops: Vec<String>,
-    /// What would slow it, and which parameter to set.
+    /// The problems that would slow a mission down, and the parameter to set.
     pub slows: Vec<String>,
-    /// How the mission would end, where that can be said.
+    /// The predicted end of the mission, if it can be predicted.
     pub outcome: Option<Prediction>,
-    /// What is good to know.
+    /// Further information.
     pub notes: Vec<String>,
-    /// What the autopilot said meanwhile.
+    /// The messages of the autopilot during the examination.
     pub said: Vec<String>,
 }
 
 impl Diagnosis {
-    /// Nothing stops a mission.
+    /// Returns whether nothing prevents a mission.
     pub fn is_ready(&self) -> bool {
         self.vehicle.is_some() && self.stops.is_empty()
     }
@@ -90,8 +90,8 @@ impl fmt::Display for Diagnosis {
     }
 }
 
-/// Connects and checks, for at most `patience`, until everything passes or `stop` is set; says
-/// meanwhile what it waits for. Without any heartbeat [`CONNECT_PATIENCE`] is the limit.
+/// Connects and checks, for at most `patience`, until every check passes or `stop` is set, and
+/// reports meanwhile what it waits for. Without any heartbeat the limit is [`CONNECT_PATIENCE`].
 pub fn examine(
     session: &mut Session,
     client: &mut Autopilot<f64>,
@@ -137,8 +137,8 @@ pub fn examine(
     Ok(diagnosis)
 }
 
-/// What happens when this process dies in flight, as the autopilot's parameters have it: without
-/// and with a ground station beside. `own_system` is the system id of our heartbeats.
+/// Returns what happens if this process dies in flight, according to the autopilot's parameters,
+/// with and without a ground station. `own_system` is the system id of our heartbeats.
 pub fn without_us(
     firmware: Firmware,
     own_system: u8,
@@ -194,7 +194,7 @@ pub fn without_us(
     }
 }
 
-/// ArduCopter counts the heartbeats of one system id only.
+/// Describes ArduCopter's ground failsafe. ArduCopter counts the heartbeats of one system id only.
 fn arducopter_ground_failsafe(own_system: u8, parameter: impl Fn(&str) -> Option<f32>) -> String {
     let action = match parameter("FS_GCS_ENABLE").map(|value| value as i32) {
         None => return "FS_GCS_ENABLE could not be read".into(),
@@ -228,27 +228,27 @@ fn arducopter_ground_failsafe(own_system: u8, parameter: impl Fn(&str) -> Option
     }
 }
 
-/// How a mission would end with the autopilot that was examined.
+/// The predicted end of a mission with the examined autopilot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
-    /// The speed that limits and parameters leave, m/s.
+    /// The speed that the limits and parameters allow, m/s.
     pub possible_mps: f64,
-    /// The speed that the straight way to the destination asks for, m/s.
+    /// The speed that the straight path to the destination needs, m/s.
     pub needed_mps: f64,
-    /// The total of the ideal flight, bit/s/Hz.
+    /// The sum rate of the ideal flight, bit/s/Hz.
     pub ideal: f64,
-    /// The flight itself; `None` where it would not start.
+    /// The simulated flight; `None` if it would not start.
     pub flight: Option<PredictedFlight>,
 }
 
-/// A flight that was simulated.
+/// A simulated flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictedFlight {
-    /// Whether it arrives.
+    /// Whether the vehicle arrives.
     pub arrives: bool,
-    /// From its end to the destination, m.
+    /// The distance from the end of the flight to the destination, m.
     pub distance_m: f64,
-    /// Its total, bit/s/Hz.
+    /// The sum rate, bit/s/Hz.
     pub total: f64,
 }
 
@@ -278,9 +278,9 @@ impl fmt::Display for Prediction {
     }
 }
 
-/// Flies the mission with the built-in vehicle that behaves as the examined autopilot does and has
-/// its parameters, and with the ideal one: the policy of each is given. `None` while the
-/// parameters have not been read.
+/// Flies the mission twice with the built-in vehicle: once with the behaviour and the parameters of
+/// the examined autopilot, and once with the ideal profile. The policy of each flight is given.
+/// Returns `None` until the parameters have been read.
 pub fn predict<P: Policy<f64, USERS_MAX>>(
     scenario: &Scenario,
     [policy, ideal_policy]: [P; 2],
@@ -303,7 +303,7 @@ pub fn predict<P: Policy<f64, USERS_MAX>>(
             ..flight::vehicle_settings(scenario, profile)
         };
         let peer = Peer::built_in(Vehicle::new(vehicle));
-        // One that was broken off on the way has not arrived either.
+        // A flight that was aborted on the way has not arrived either.
         let (record, ended) = match flight::fly(scenario, policy, &settings, peer, &mut ()) {
             Ok(record) => (record, true),
             Err(failed) => (*failed.record?, false),
@@ -329,8 +329,9 @@ pub fn predict<P: Policy<f64, USERS_MAX>>(
     })
 }
 
-/// The parameters that are read before a mission of this speed, as a table in Markdown: what they
-/// are by default, what the mission needs, and what less would do. `docs/sitl.md` prints it.
+/// Returns the parameters that are read before a mission of this speed, as a table in Markdown:
+/// their defaults, the values that the mission needs, and the effect of lower values.
+/// `docs/sitl.md` contains it.
 pub fn parameter_table(speed_mps: f32) -> String {
     let mut table = format!(
         "| autopilot | parameter | default | for {speed_mps} m/s | unit | otherwise |\n\
@@ -374,7 +375,8 @@ pub fn parameter_table(speed_mps: f32) -> String {
 mod tests {
     use super::*;
 
-    /// Who keeps which autopilot's failsafe from acting, and who does not.
+    /// The text says for each autopilot which heartbeats keep its failsafe from acting, and which
+    /// do not.
     #[test]
     fn what_happens_without_us_is_said_from_the_parameters() {
         let with = |all: &'static [(&str, f32)]| {
@@ -398,7 +400,7 @@ mod tests {
         assert!(px4.contains("heartbeats do not count"), "{px4}");
     }
 
-    /// One source of truth: what the page tells people to set is what the client asks for.
+    /// The documentation must tell users to set the parameters that the client asks for.
     #[test]
     fn docs_print_the_table() {
         let page = include_str!("../../docs/sitl.md");

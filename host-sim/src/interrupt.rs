@@ -1,22 +1,23 @@
-//! Ctrl-C (and SIGTERM), counted in one place.
+//! Counts ctrl-C (and SIGTERM) for the whole process.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, OnceLock};
 
-/// How often the process was asked to end.
+/// The number of times the process was asked to end.
 static PRESSES: AtomicU32 = AtomicU32::new(0);
-/// The press that ends the process at once.
+/// The number of the press that ends the process at once.
 static LAST: AtomicU32 = AtomicU32::new(2);
 /// The exit code of a process that was ended by ctrl-C.
 pub const EXIT_CODE: u8 = 130;
 
-/// A flag that is set at the first ctrl-C (or SIGTERM). A second one ends the process at once.
+/// Returns a flag that is set at the first ctrl-C (or SIGTERM). A second one ends the process at
+/// once.
 pub fn flag() -> Arc<AtomicBool> {
     static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     let flag = FLAG.get_or_init(|| {
         let flag = Arc::new(AtomicBool::new(false));
         let inner = Arc::clone(&flag);
-        // Fails only where a handler exists already; then ctrl-C does what that one says.
+        // This fails only if a handler exists already; then that handler acts.
         let _ = ctrlc::set_handler(move || {
             inner.store(true, Ordering::Relaxed);
             let press = PRESSES.fetch_add(1, Ordering::Relaxed) + 1;
@@ -29,20 +30,20 @@ pub fn flag() -> Arc<AtomicBool> {
     Arc::clone(flag)
 }
 
-/// How often ctrl-C was pressed. Only the third press ends the process at once: the caller sees to
-/// the first and the second.
+/// The number of times ctrl-C was pressed. Only the third press ends the process at once: the
+/// caller handles the first and the second.
 #[derive(Debug)]
 pub struct Presses(());
 
 impl Presses {
-    /// Counts from the start of the process.
+    /// Starts counting.
     pub fn watch() -> Self {
         LAST.store(3, Ordering::Relaxed);
         let _ = flag();
         Self(())
     }
 
-    /// Presses so far.
+    /// Returns the number of presses so far.
     pub fn count(&self) -> u32 {
         PRESSES.load(Ordering::Relaxed)
     }

@@ -1,8 +1,10 @@
-//! What a run changed in a vehicle and has not put back yet, in a file beside its report.
+//! The parameters that a run changed in a vehicle and has not restored yet, in a file next to its
+//! report.
 //!
-//! The file is written before the first parameter is changed and deleted when all are as they were.
-//! Whatever ends the run in between (a crash, a link that is dead, a person who does not wait), the
-//! next run with the same `--out`, or `host-sim doctor --restore`, puts the parameters back.
+//! The file is written before the first parameter is changed and deleted when all have their former
+//! values. If the run ends in between for any reason (a crash, a dead link, a user who does not
+//! wait), the next run with the same `--out`, or `host-sim doctor --restore`, restores the
+//! parameters.
 
 use std::{
     fs, io,
@@ -22,10 +24,10 @@ use crate::session::Session;
 use files::{input, output};
 use link::NoHeartbeat;
 
-/// The name of the file beside a run's report.
+/// The name of the file next to a run's report.
 pub const FILE_NAME: &str = "parameters.journal.json";
 
-/// How long putting parameters back may take once the motors stand still.
+/// The longest time that restoring the parameters may take once the motors have stopped.
 const RESTORE_PATIENCE: Duration = Duration::from_secs(30);
 
 /// The contents of the file.
@@ -35,25 +37,25 @@ struct Contents {
     system: u8,
     /// The vehicle's software, by name.
     autopilot: String,
-    /// The link at which it was.
+    /// The link on which the vehicle was connected.
     link: String,
-    /// What is changed, oldest first.
+    /// The changed parameters, oldest first.
     parameters: Vec<Entry>,
 }
 
-/// A parameter that is to be put back.
+/// A parameter that must be restored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Entry {
     name: String,
-    /// What it was, for people.
+    /// The former value in readable form.
     value: String,
-    /// What it was: the bits of the value on the wire.
+    /// The bits of the former value on the wire.
     bits: u32,
     /// The number of its MAV_PARAM_TYPE.
     kind: u8,
 }
 
-/// The journal of a run, or of the run before.
+/// The journal of this run or of the previous one.
 #[derive(Clone, Debug)]
 pub struct ParameterJournal {
     path: PathBuf,
@@ -62,11 +64,11 @@ pub struct ParameterJournal {
 }
 
 impl ParameterJournal {
-    /// The journal in this file; an empty one where there is no file. `link` is noted with what is
-    /// changed from now on.
+    /// Opens the journal in this file; it is empty if there is no file. `link` is stored with the
+    /// changes from now on.
     ///
     /// # Errors
-    /// The file cannot be read, or is no journal; the message names it.
+    /// Returns an error if the file cannot be read or is not a journal; the message names the file.
     pub fn open(path: &Path, link: &str) -> io::Result<Self> {
         let named =
             |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
@@ -83,17 +85,17 @@ impl ParameterJournal {
         })
     }
 
-    /// The file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether nothing is to be put back.
+    /// Returns whether there is nothing to restore.
     pub fn is_empty(&self) -> bool {
         self.contents.parameters.is_empty()
     }
 
-    /// The names of what is to be put back, with commas between them.
+    /// Returns the names of the parameters to restore, separated by commas.
     pub fn names(&self) -> String {
         let names = self.contents.parameters.iter();
         names
@@ -102,20 +104,21 @@ impl ParameterJournal {
             .join(", ")
     }
 
-    /// The vehicle whose parameters these are, in words.
+    /// Returns a description of the vehicle that the parameters belong to.
     pub fn vehicle(&self) -> String {
         let contents = &self.contents;
         let (autopilot, system) = (&contents.autopilot, contents.system);
         format!("{autopilot}, system {system}, at {}", contents.link)
     }
 
-    /// Whether these are parameters of this vehicle. An empty journal fits every vehicle.
+    /// Returns whether the parameters belong to this vehicle. An empty journal fits every vehicle.
     pub fn fits(&self, system: u8, firmware: Firmware) -> bool {
         let contents = &self.contents;
         self.is_empty() || (contents.system == system && contents.autopilot == firmware.name())
     }
 
-    /// What is to be put back, oldest first. What the client does not know is left out.
+    /// Returns the parameters to restore, oldest first. Parameters that the client does not know
+    /// are left out.
     pub fn changes(&self) -> Vec<ChangedParameter> {
         let entries = self.contents.parameters.iter();
         entries
@@ -123,11 +126,11 @@ impl ParameterJournal {
             .collect()
     }
 
-    /// Writes down what is changed now, unless it is noted already. What was noted first counts: it
-    /// is the value of the time before any change.
+    /// Stores parameters that are about to be changed, unless they are stored already. The first
+    /// entry of a parameter is kept: it is the value before any change.
     ///
     /// # Errors
-    /// The file cannot be written; then the parameter must not be changed.
+    /// Returns an error if the file cannot be written; the parameter must not be changed then.
     pub fn note(
         &mut self,
         (system, firmware): (u8, Firmware),
@@ -154,10 +157,10 @@ impl ParameterJournal {
         self.save()
     }
 
-    /// Strikes out a parameter that has been put back; the file goes with the last one.
+    /// Removes a parameter that has been restored; the file is deleted with the last one.
     ///
     /// # Errors
-    /// The file cannot be written or deleted.
+    /// Returns an error if the file cannot be written or deleted.
     pub fn restored(&mut self, name: &str) -> io::Result<()> {
         let before = self.contents.parameters.len();
         self.contents.parameters.retain(|entry| entry.name != name);
@@ -168,7 +171,7 @@ impl ParameterJournal {
         }
     }
 
-    /// Writes the file so that a crash leaves the old one or the new one.
+    /// Writes the file in such a way that a crash leaves either the old file or the new one.
     fn save(&self) -> io::Result<()> {
         let mut json = serde_json::to_vec_pretty(&self.contents)?;
         json.push(b'\n');
@@ -176,24 +179,24 @@ impl ParameterJournal {
     }
 }
 
-/// Why parameters were not put back.
+/// The reason why parameters were not restored.
 #[derive(Debug, Error)]
 pub enum FailedRestore {
     /// The link failed, or the journal could not be written.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// Nobody was heard.
+    /// No autopilot was received.
     #[error("{0}")]
     NobodyThere(NoHeartbeat),
-    /// Another vehicle answers.
+    /// Another vehicle answered.
     #[error("{journal} is about another vehicle ({vehicle}); nothing was changed")]
     WrongVehicle {
         /// The file.
         journal: String,
-        /// The vehicle it is about.
+        /// The vehicle that the file belongs to.
         vehicle: String,
     },
-    /// Some are still as the run left them.
+    /// Some parameters still have the values that the run set.
     #[error("not put back: {names}; {journal} keeps them")]
     Left {
         /// Their names.
@@ -203,11 +206,12 @@ pub enum FailedRestore {
     },
 }
 
-/// Puts back what `journal` holds as soon as the vehicle is disarmed, however long that takes, and
-/// says meanwhile what it waits for. Ends when `stop` is set or the link is dead, too.
+/// Restores the parameters in `journal` as soon as the vehicle is disarmed, however long that
+/// takes, and reports meanwhile what it waits for. Also ends when `stop` is set or the link is
+/// dead.
 ///
 /// # Errors
-/// What was not put back stays in the journal.
+/// Returns the reason if parameters were not restored; they stay in the journal.
 pub fn restore(
     session: &mut Session,
     client: &mut Autopilot<f64>,
@@ -299,7 +303,7 @@ mod tests {
         journal
             .note(VEHICLE, &[speed, change("ANGLE_MAX", 3000.0)])
             .unwrap();
-        // Another run finds it, and changes the same parameter again.
+        // Another run opens the same journal and changes the same parameter again.
         let mut journal = open();
         assert_eq!(journal.names(), "WPNAV_SPEED, ANGLE_MAX");
         assert!(journal.fits(1, Firmware::ArduCopter));
@@ -319,7 +323,7 @@ mod tests {
         journal.restored("WPNAV_SPEED").unwrap();
     }
 
-    /// PX4 sends the bytes of its integers, which are no number as a float.
+    /// PX4 sends the bytes of its integers, which may not be a number if they are read as a float.
     #[test]
     fn bits_survive() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,20 +1,21 @@
 //! The simulator around the onboard controller: the world and its signals, flights, records,
-//! reports and the command line. Flight logic is in [`firmware_core`] and is only called from here.
+//! reports and the command line. The flight logic is in [`firmware_core`] and is only called from
+//! here.
 //!
-//! | module | what it owns |
+//! | module | contents |
 //! |---|---|
-//! | [`world`], [`nomographic`] | true channels, the signals themselves, what sensors measure |
-//! | [`flight`] | one mission, world to vehicle and back, in one loop |
-//! | [`session`], [`doctor`], [`upload`], [`watch`] | a client that talks to an autopilot and flies nothing |
-//! | [`serve`] | the built-in vehicle as a process of its own |
+//! | [`world`], [`nomographic`] | the true channels, the signals, the measurements of the sensors |
+//! | [`flight`] | the loop that flies one mission with the world and the vehicle |
+//! | [`session`], [`doctor`], [`upload`], [`watch`] | clients of an autopilot without setpoints |
+//! | [`serve`] | the built-in vehicle as a separate process |
 //! | [`policy`] | the policies that can be named on a command line |
-//! | [`record`], [`report`] | what a flight leaves behind, and its pages |
-//! | [`journal`] | what is changed in a vehicle and not put back yet |
+//! | [`record`], [`report`] | the record of a flight, and the pages made from it |
+//! | [`journal`] | the parameters that were changed in a vehicle and are not restored yet |
 //! | [`experiment`], [`benchmark`] | the figures of the paper; policies on many missions |
 //!
-//! Scenarios, the bound and the search, vehicles, links and reference solvers are crates of their
-//! own: `scenario`, `planning`, `vehicle`, `link`, `reference`, and the kit of
-//! figures and pages: `figures`.
+//! Scenarios, the bound and the search, vehicles, links and reference solvers are separate crates:
+//! `scenario`, `planning`, `vehicle`, `link` and `reference`. The crate `figures` contains the
+//! tools for figures and pages.
 
 pub mod benchmark;
 pub mod doctor;

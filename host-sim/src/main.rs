@@ -1,6 +1,6 @@
-//! `host-sim`: run missions, serve the vehicle, solve slots, make scenarios.
+//! `host-sim`: runs missions, serves the vehicle, solves slots and makes scenarios.
 //!
-//! Exit codes: 0, 1 (a run failed), 2 (bad usage or bad input).
+//! Exit codes: 0 (success), 1 (a run failed), 2 (invalid usage or invalid input).
 
 mod command;
 

@@ -1,8 +1,8 @@
-//! Pre- and post-processing of a nomographic function (eq:F): `psi` at every sensor, `Xi` at
-//! the vehicle, around the average that the air computes.
+//! Pre-processing and post-processing of a nomographic function (eq:F): `psi` at every sensor and
+//! `Xi` at the vehicle, before and after the average that is computed over the air.
 //!
-//! The air wants symbols of mean 0 and variance 1, and gives `F-hat`, an estimate of their
-//! average. With `u_j` the quantity whose plain average is wanted,
+//! Over-the-air computation needs symbols of mean 0 and variance 1, and gives `F-hat`, an estimate
+//! of their average. With `u_j` the quantity whose arithmetic mean is wanted,
 //!
 //! ```text
 //! psi_j(d) = (u_j(d) - mean) / deviation        Xi(F) = v( mean + deviation * F )
@@ -12,8 +12,8 @@
 //! geometric mean  u_j(d) = ln d            v(a) = e^a
 //! ```
 //!
-//! `mean` and `deviation` are those of all measurements of the mission: statistics that a
-//! network knows beforehand.
+//! `mean` and `deviation` are those of all measurements of the mission: statistics that a network
+//! knows in advance.
 
 use scenario::Function;
 
@@ -21,14 +21,15 @@ use scenario::Function;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nomographic {
     function: Function,
-    /// `J w_j` for the weighted mean, 1 otherwise.
+    /// `J w_j` for the weighted mean, otherwise 1.
     scale: Vec<f64>,
     mean: f64,
     deviation: f64,
 }
 
 impl Nomographic {
-    /// For a function (with its weights, if it has any) of these measurements, slots by sensors.
+    /// Creates the processing for a function (with its weights, if it has any) of these
+    /// measurements, indexed by slot and sensor.
     pub fn new(function: Function, weights: &[f64], measurements: &[Vec<f64>]) -> Self {
         let sensors = measurements.first().map_or(0, Vec::len);
         let scale = if function == Function::WeightedMean {
@@ -52,12 +53,12 @@ impl Nomographic {
         this.mean = quantities.iter().sum::<f64>() / count;
         let squares = quantities.iter().map(|u| (u - this.mean).powi(2));
         let deviation = (squares.sum::<f64>() / count).sqrt();
-        // A constant field has no deviation; any scale then carries it.
+        // A constant field has a deviation of zero; any scale is valid then.
         this.deviation = if deviation > 0.0 { deviation } else { 1.0 };
         this
     }
 
-    /// `u_j(d_j)` of a slot's measurements.
+    /// Returns `u_j(d_j)` of a slot's measurements.
     fn quantities(&self, measured: &[f64]) -> Vec<f64> {
         let value = |(d, scale): (&f64, &f64)| match self.function {
             Function::GeometricMean => d.ln(),
@@ -66,13 +67,13 @@ impl Nomographic {
         measured.iter().zip(&self.scale).map(value).collect()
     }
 
-    /// `o_j = psi_j(d_j)`: the symbols of a slot's measurements.
+    /// Returns `o_j = psi_j(d_j)`, the symbols of a slot's measurements.
     pub fn pre_process(&self, measured: &[f64]) -> Vec<f64> {
         let symbol = |u: f64| (u - self.mean) / self.deviation;
         self.quantities(measured).into_iter().map(symbol).collect()
     }
 
-    /// `Xi`: from the average of the symbols back to the scenario's unit.
+    /// Applies `Xi`: converts the average of the symbols to the scenario's unit.
     pub fn post_process(&self, average: f64) -> f64 {
         let average = self.mean + self.deviation * average;
         match self.function {
@@ -81,7 +82,7 @@ impl Nomographic {
         }
     }
 
-    /// What an undisturbed receiver would find.
+    /// Returns the value that a receiver without noise would compute.
     pub fn true_value(&self, measured: &[f64]) -> f64 {
         let symbols = self.pre_process(measured);
         self.post_process(symbols.iter().sum::<f64>() / symbols.len().max(1) as f64)

@@ -1,5 +1,5 @@
-//! What a flight leaves behind: one record per slot, the path flown, and the summary that
-//! scripts read. Files are written by `report`.
+//! The result of a flight: one record per slot, the flown path, and the summary that scripts read.
+//! The files are written by `report`.
 
 use firmware_core::{
     Position,
@@ -17,23 +17,23 @@ use scenario::Scenario;
 /// A flown mission.
 #[derive(Clone, Debug)]
 pub struct FlightRecord {
-    /// What was flown.
+    /// The scenario that was flown.
     pub scenario: Scenario,
-    /// Who decided: `straight-line`, `fixed`, `search` or a file's name.
+    /// The policy: `straight-line`, `fixed`, `search` or the name of a file.
     pub policy: String,
-    /// Which solver allocated.
+    /// The solver that allocated the powers.
     pub inner: String,
-    /// Which vehicle: a profile's name.
+    /// The name of the vehicle's profile.
     pub profile: String,
-    /// Of the signals drawn.
+    /// The seed of the drawn signals.
     pub seed: u64,
-    /// Slot by slot, in order.
+    /// The slots in order.
     pub slots: Vec<SlotRecord>,
-    /// Where the vehicle truly was, in time, from the start of slot 1.
+    /// The true positions of the vehicle in order of time, from the start of slot 1.
     pub path: Vec<PathSample>,
-    /// What happened between the autopilot and its client, in order.
+    /// The events of the autopilot and its client, in order.
     pub events: Vec<FlightEvent>,
-    /// What came over the ground link, and what did not.
+    /// The frames that were received and lost on the ground link.
     pub link: LinkRecord,
     /// Whether the mission was flown to its end and the vehicle landed.
     pub completed: bool,
@@ -41,210 +41,214 @@ pub struct FlightRecord {
     pub ended: String,
 }
 
-/// Something that happened, in words.
+/// An event, in words.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightEvent {
-    /// Since the client started, seconds.
+    /// The time since the client started, seconds.
     pub time_s: f64,
-    /// What.
+    /// The description.
     pub text: String,
-    /// Whether a person wants to see it when it happens.
+    /// Whether the event is displayed when it happens.
     pub notable: bool,
 }
 
-/// What became of the ground link's frames, at both ends.
+/// The frames of the ground link, counted at both ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LinkRecord {
-    /// The last counters that the vehicle sent down.
+    /// The last counters that the vehicle sent to the ground.
     pub vehicle: VehicleStatus,
-    /// Frames that the ground received.
+    /// The frames that the ground received.
     pub ground: LinkCounters,
-    /// Slots of which the ground got the arrival alone or the command alone: users and sensors
-    /// were silent.
+    /// The slots of which the ground received only the arrival or only the command: users and
+    /// sensors did not transmit.
     pub slots_missed: u32,
-    /// Arrivals and commands that came again.
+    /// The arrivals and commands that were received more than once.
     pub repeated: u32,
-    /// Arrivals and commands about a slot, or serving a user, that the mission does not have.
+    /// The arrivals and commands for a slot or a user that the mission does not have.
     pub nonsense: u32,
 }
 
-/// The vehicle's true place at a time.
+/// The true position of the vehicle at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSample {
-    /// Since the start of slot 1, seconds.
+    /// The time since the start of slot 1, seconds.
     pub time_s: f64,
-    /// Where, metres.
+    /// The position, metres.
     pub position: Position<f64>,
-    /// How high over the ground, metres.
+    /// The height above the ground, metres.
     pub altitude_m: f64,
 }
 
-/// One slot: planned, flown, allocated, received.
+/// One slot: as planned, flown, allocated and received.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SlotRecord {
-    /// `n`, 1 to `N`.
+    /// The slot `n`, 1 to `N`.
     pub slot: u32,
     /// The waypoint, metres.
     pub planned: Position<f64>,
-    /// Where the vehicle truly was at the slot's end, metres.
+    /// The true position of the vehicle at the end of the slot, metres.
     pub flown: Position<f64>,
-    /// When the slot ended, on the vehicle's clock, and how its position was known.
+    /// The end of the slot on the vehicle's clock, and how its position was determined.
     pub tick: Tick,
-    /// The user served, from 0; `None` where no user was heard.
+    /// The served user, from 0; `None` if no user was received.
     pub served_user: Option<usize>,
     /// `p`, watts.
     pub user_power_w: f64,
     /// `eta`, one over square root of watts.
     pub normalizing_factor: f64,
-    /// Average of `|b_j|^2` over the sensors, watts.
+    /// The average of `|b_j|^2` over the sensors, watts.
     pub sensor_power_mean_w: f64,
     /// `R_n`, bit/s/Hz.
     pub rate: f64,
-    /// What the same user would have got with the vehicle at the waypoint, bit/s/Hz.
+    /// The rate of the same user if the vehicle were at the waypoint, bit/s/Hz.
     pub planned_rate: f64,
-    /// `MSE_n`, analytic, at the true channels.
+    /// `MSE_n`, analytic, with the true channels.
     pub mse: f64,
-    /// What holds the rate back.
+    /// The constraint that limits the rate.
     pub limited_by: LimitedBy,
     /// Whether `Gamma` could be met.
     pub feasible: bool,
-    /// What the shield changed.
+    /// The changes that the shield made.
     pub intervention: Intervention,
-    /// Where the controller's gains came from.
+    /// The source of the gains that the controller used.
     pub channel_source: ChannelSource,
-    /// How old they were, slots; 0 when they were this slot's.
+    /// The age of these gains in slots; 0 if they are those of this slot.
     pub age_slots: u32,
     /// The signals that were drawn and received.
     pub signals: SignalRecord,
-    /// How long `plan` took, microseconds.
+    /// The duration of `plan`, microseconds.
     pub plan_us: f64,
-    /// How long `allocate` took, microseconds.
+    /// The duration of `allocate`, microseconds.
     pub allocate_us: f64,
 }
 
 impl SlotRecord {
-    /// The user served, as reports name it.
+    /// Returns the served user as reports name it.
     pub fn user_name(&self) -> String {
         self.served_user
             .map_or_else(|| "nobody".into(), |user| format!("u{user}"))
     }
 }
 
-/// What the receiver made of a slot's signals.
+/// The signals of a slot as the receiver processed them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SignalRecord {
-    /// Mean of `|F-hat - F|^2` over the symbols drawn.
+    /// The mean of `|F-hat - F|^2` over the drawn symbols.
     pub empirical_mse: f64,
-    /// How many symbols that is.
+    /// The number of symbols in this mean.
     pub symbols: u32,
-    /// The wanted function of what the sensors measured, in the scenario's unit.
+    /// The true value of the nomographic function of the measurements, in the scenario's unit.
     pub true_value: f64,
-    /// What was estimated over the air.
+    /// The estimate of this value over the air.
     pub estimate: f64,
 }
 
 impl SignalRecord {
-    /// `estimate - true_value`, in the scenario's unit.
+    /// Returns `estimate - true_value`, in the scenario's unit.
     pub fn error(&self) -> f64 {
         self.estimate - self.true_value
     }
 }
 
-/// Per user: how often served, and how much it sent.
+/// The number of slots and the amount of data of a user.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct UserSummary {
-    /// Slots served.
+    /// The number of slots in which the user was served.
     pub slots: u32,
-    /// Sum of its rates over its slots, bit/s/Hz.
+    /// The sum of its rates over its slots, bit/s/Hz.
     pub data: f64,
 }
 
-/// Median and maximum.
+/// The median and the maximum of a duration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Timing {
-    /// The middle one, microseconds.
+    /// The median, microseconds.
     pub median: f64,
-    /// The longest, microseconds.
+    /// The maximum, microseconds.
     pub max: f64,
 }
 
-/// `summary.json`. Everything but the two timings is the same for the same seed.
+/// The contents of `summary.json`. Everything except the two timings is the same for the same seed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// The scenario's name.
     pub scenario: String,
-    /// SHA-256 of the mission.
+    /// The SHA-256 digest of the mission.
     pub scenario_digest: String,
-    /// Who decided.
+    /// The policy.
     pub policy: String,
-    /// Which solver.
+    /// The solver.
     pub inner: String,
-    /// Which vehicle.
+    /// The vehicle's profile.
     pub profile: String,
     /// Whether the mission was flown to its end and the vehicle landed.
     pub completed: bool,
     /// How the flight ended, in words: "landed", or the true cause.
     pub ended: String,
-    /// Slots flown.
+    /// The number of flown slots.
     pub slots: usize,
-    /// Sum of the rates, bit/s/Hz.
+    /// The sum of the rates, bit/s/Hz.
     pub sum_rate: f64,
-    /// What no position could exceed: slots times `log2(1 / (1 - J Gamma))`.
+    /// The limit of the sum of the rates at any positions: the number of slots times `log2(1 / (1 -
+    /// J Gamma))`.
     pub sum_rate_physical_limit: f64,
-    /// Per user.
+    /// The summary of each user.
     pub users: Vec<UserSummary>,
     /// The largest `MSE_n`.
     pub mse_max: f64,
     /// `Gamma`.
     pub mse_threshold: f64,
-    /// Slots with `MSE_n > Gamma` (beyond 1e-9 relative).
+    /// The number of slots with `MSE_n > Gamma` (by more than 1e-9 relative).
     pub mse_violations: usize,
-    /// Empirical over analytic MSE, averaged over all symbols of the mission; near 1.
+    /// The ratio of the empirical to the analytic MSE, averaged over all symbols of the mission;
+    /// near 1.
     pub empirical_mse_ratio: f64,
-    /// Standard error of that ratio.
+    /// The standard error of that ratio.
     pub empirical_mse_ratio_standard_error: f64,
-    /// Root mean square of the estimates' errors, in the scenario's unit.
+    /// The root mean square of the errors of the estimates, in the scenario's unit.
     pub estimate_error_rms: f64,
-    /// Flown positions or schedules that break eq:a1 to eq:a3, eq:traj1 or eq:traj2.
+    /// The number of flown positions or schedules that violate eq:a1 to eq:a3, eq:traj1 or
+    /// eq:traj2.
     pub constraint_violations: usize,
-    /// Slots in which the shield changed the policy's action.
+    /// The number of slots in which the shield changed the policy's action.
     pub shield_interventions: usize,
-    /// From the last position to the destination, metres.
+    /// The distance from the last position to the destination, metres.
     pub arrival_distance_m: f64,
-    /// Whether that is at most `V_max delta`.
+    /// Whether that distance is at most `V_max delta`.
     pub arrived: bool,
-    /// Whether every user had its `floor(N/M)` slots.
+    /// Whether every user was served in at least `floor(N/M)` slots.
     pub fair: bool,
-    /// Largest distance between a waypoint and the place reached, metres.
+    /// The largest distance between a waypoint and the reached position, metres.
     pub planned_vs_flown_m: f64,
-    /// Median of that distance, metres.
+    /// The median of that distance, metres.
     pub planned_vs_flown_median_m: f64,
-    /// Sum of the rates that the waypoints would have given, less `sum_rate`, bit/s/Hz: what it
-    /// cost to fly beside them. Below zero where that happened to help.
+    /// The sum of the rates at the waypoints minus `sum_rate`, bit/s/Hz: the loss due to deviations
+    /// from the waypoints. Negative if the deviations increased the rate.
     pub planned_vs_flown_rate: f64,
-    /// From the start of slot 1 to the end of the last, on the vehicle's clock, seconds.
+    /// The time from the start of slot 1 to the end of the last slot, on the vehicle's clock,
+    /// seconds.
     pub duration_s: f64,
-    /// Seconds of the vehicle's clock per second of ours, as estimated at the end.
+    /// Seconds of the vehicle's clock per second of our clock, as estimated at the end.
     pub clock_rate: f64,
-    /// Slots whose position was extrapolated, because no sample came in time.
+    /// The number of slots whose position was extrapolated because no sample was received in time.
     pub ticks_extrapolated: usize,
-    /// By how much the position of a slot's end was known later than it ended, at most, seconds
-    /// of the vehicle's clock.
+    /// The longest time from the end of a slot until its position was known, seconds of the
+    /// vehicle's clock.
     pub lateness_max_s: f64,
-    /// How long `allocate` took, microseconds.
+    /// The durations of `allocate`, microseconds.
     pub allocate_us: Timing,
-    /// How long `plan` took, microseconds.
+    /// The durations of `plan`, microseconds.
     pub plan_us: Timing,
-    /// Frames and counters of the ground link at both ends.
+    /// The frames and counters of the ground link at both ends.
     pub link: LinkRecord,
-    /// Of the signals.
+    /// The seed of the drawn signals.
     pub seed: u64,
-    /// Of this program.
+    /// The version of this program.
     pub version: &'static str,
 }
 
 impl FlightRecord {
-    /// The summary of this flight.
+    /// Returns the summary of this flight.
     pub fn summary(&self) -> Summary {
         let mission = &self.scenario.mission;
         let p = mission.parameters();
@@ -319,7 +323,8 @@ impl FlightRecord {
         }
     }
 
-    /// From the start of slot 1 to the end of the last slot, on the vehicle's clock, seconds.
+    /// Returns the time from the start of slot 1 to the end of the last slot, on the vehicle's
+    /// clock, seconds.
     fn duration_s(&self) -> f64 {
         let slot_s = self.scenario.mission.parameters().slot_duration_s;
         match (self.slots.first(), self.slots.last()) {
@@ -331,13 +336,13 @@ impl FlightRecord {
         }
     }
 
-    /// Whether a slot's average is less accurate than asked.
+    /// Returns whether the average of a slot is less accurate than required.
     pub fn violates_mse(&self, slot: &SlotRecord) -> bool {
         let threshold = self.scenario.mission.parameters().mse_threshold;
         slot.mse > threshold * (1.0 + 1e-9)
     }
 
-    /// Slots and data of every user.
+    /// Returns the slots and the data of every user.
     pub fn users(&self) -> Vec<UserSummary> {
         let none = UserSummary {
             slots: 0,
@@ -353,8 +358,9 @@ impl FlightRecord {
         users
     }
 
-    /// Mean over all symbols of `|error|^2 / MSE_n`, and its standard error. The error of a slot
-    /// is a complex Gaussian, so its square is exponential: as much deviation as mean.
+    /// Returns the mean over all symbols of `|error|^2 / MSE_n`, and its standard error. The error
+    /// of a slot is a complex Gaussian, so its square is exponentially distributed: its standard
+    /// deviation equals its mean.
     fn empirical_mse_ratio(&self) -> (f64, f64) {
         let symbols: f64 = self
             .slots
@@ -369,9 +375,9 @@ impl FlightRecord {
         (sum / symbols, symbols.sqrt().recip())
     }
 
-    /// Steps longer than `V_max delta`, places outside the area and, of a mission that was flown to
-    /// its end, a destination out of reach and users short of their quota: a flight that was broken
-    /// off says so itself.
+    /// Returns the number of violated constraints: steps longer than `V_max delta`, positions
+    /// outside the area and, for a mission that was flown to its end, a destination out of reach
+    /// and users below their quota. A flight that was aborted is reported as such elsewhere.
     fn constraint_violations(&self) -> usize {
         let mission = &self.scenario.mission;
         let p = mission.parameters();
@@ -379,7 +385,7 @@ impl FlightRecord {
         let mut from = p.start;
         for slot in &self.slots {
             if !self.completed && slot.tick.extrapolated {
-                // The link was dying: where the vehicle was is not known.
+                // The link was failing: the position of the vehicle is not known.
                 continue;
             }
             let step_m = (slot.flown - from).norm();

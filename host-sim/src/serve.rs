@@ -1,4 +1,4 @@
-//! The vehicle as a process of its own.
+//! Runs the vehicle as a separate process.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,13 +9,13 @@ use firmware_core::time::{Duration, Instant};
 use link::{Link, tlog::wall_clock_us};
 use vehicle::Vehicle;
 
-/// The longest step of its time: where the machine was late, telemetry comes for every part of
-/// what was missed, as from a vehicle that was not.
+/// The longest step of the vehicle's time: if the machine was late, the telemetry of every part of
+/// the missed time is sent, as a vehicle that was not late would send it.
 const STEP: Duration = Duration::from_millis(10);
 
-/// Runs a vehicle at the other end of `link`, `speed` times as fast as real time, until `stop`
-/// is set. After the vehicle's death the link stays open, and nothing is read or sent.
-/// Answers within the time that a datagram takes; moves on at least every 2 ms.
+/// Runs a vehicle at the other end of `link`, `speed` times as fast as real time, until `stop` is
+/// set. After the vehicle's death the link stays open, and nothing is read or sent. Answers as soon
+/// as a datagram is received; advances the vehicle at least every 2 ms.
 pub fn serve(
     link: &mut dyn Link,
     mut vehicle: Vehicle,

@@ -1,4 +1,4 @@
-//! A client on a link in real time: who the doctor and the mission upload talk through.
+//! A client on a link in real time, used by the doctor and the mission upload.
 
 use std::io;
 use std::time::Duration as WallDuration;
@@ -11,7 +11,7 @@ use mavlink::dialects::common::MavMessage;
 use crate::flight::{ProfileChoice, WrongProfile};
 use link::{NoHeartbeat, Port};
 
-/// A port and a clock that runs `speed` times as fast as the wall's.
+/// A port and a clock that runs `speed` times as fast as real time.
 #[derive(Debug)]
 pub struct Session {
     port: Port,
@@ -22,7 +22,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Begins now. `speed` is that of the vehicle's simulation; 1 for a real one.
+    /// Starts a session. `speed` is the speed of the vehicle's simulation; 1 for a real vehicle.
     pub fn new(port: Port, speed: f64) -> Self {
         Self {
             port,
@@ -33,24 +33,24 @@ impl Session {
         }
     }
 
-    /// The client plans within the limits of this choice's profile, as soon as its autopilot was
-    /// heard.
+    /// Makes the client plan within the limits of the profile of this choice, as soon as its
+    /// autopilot was received.
     pub fn choosing(mut self, profile: ProfileChoice) -> Self {
         self.profile = Some(profile);
         self
     }
 
-    /// Whether the profile that was given is for another autopilot than the one that answers.
+    /// Returns whether the specified profile is for another autopilot than the one that answers.
     pub fn wrong_profile(&self) -> Option<WrongProfile> {
         self.wrong_profile
     }
 
-    /// The time in the vehicle's pace.
+    /// Returns the time on the session's clock.
     pub fn now(&self) -> Instant {
         Instant::from_micros((self.begin.elapsed().as_secs_f64() * self.speed * 1e6) as u64)
     }
 
-    /// What to say when nobody was heard since `since`.
+    /// Returns the error to report if no autopilot was received since `since`.
     pub fn silence(&self, since: Instant) -> NoHeartbeat {
         NoHeartbeat {
             waited_s: (self.now() - since).as_secs_f64(),
@@ -59,10 +59,10 @@ impl Session {
         }
     }
 
-    /// Writes out the log of what passed, if there is one.
+    /// Flushes the log of the messages, if there is one.
     ///
     /// # Errors
-    /// The log cannot be written.
+    /// Returns an error if the log cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         self.port.flush()
     }
@@ -72,8 +72,8 @@ impl Session {
         self.port.send(self.now(), message)
     }
 
-    /// Sends what `client` has to say, waits for answers until it has more to say (50 ms at
-    /// most) and gives them to it, and to `also`.
+    /// Sends the messages of `client`, waits for answers until it has more messages (50 ms at
+    /// most), and passes the answers to the client and to `also`.
     pub fn turn(
         &mut self,
         client: &mut Autopilot<f64>,
@@ -92,7 +92,7 @@ impl Session {
             if let Some(Err(wrong)) = self.profile.as_mut().map(|choice| choice.settle(client)) {
                 self.wrong_profile = Some(wrong);
             }
-            // What the caller sends goes out under the vehicle's system id, too.
+            // The caller's messages are also sent under the vehicle's system id.
             self.port.send_as(client.own());
             also(now, from, &message);
             nap = WallDuration::ZERO;

@@ -1,4 +1,4 @@
-//! Hands a whole mission to an autopilot over a link.
+//! Uploads a whole mission to an autopilot over a link.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,50 +19,51 @@ use crate::session::Session;
 use crate::watch::{Seen, WatchError, watch};
 use link::NoHeartbeat;
 
-/// What is handed over.
+/// A mission to upload and what to do with it.
 #[derive(Clone, Debug)]
 pub struct Upload<'a> {
-    /// Way-points in their order, m.
+    /// The waypoints in order, m.
     pub waypoints: &'a [Position<f64>],
-    /// Speed along them, m/s.
+    /// The speed along them, m/s.
     pub speed_mps: f64,
-    /// What follows the last.
+    /// The action after the last waypoint.
     pub ending: Ending,
-    /// Fly it as soon as it is there.
+    /// Whether to fly the mission as soon as it is uploaded.
     pub start: bool,
-    /// Follow it to its end, and put parameters back then.
+    /// Whether to follow the mission to its end and restore the parameters then.
     pub watch: bool,
-    /// How long to wait for an autopilot, and for it to be ready where the mission is started.
+    /// The longest time to wait for an autopilot, and, if the mission is started, for the autopilot
+    /// to be ready.
     pub patience: Duration,
 }
 
-/// What happens during an upload, to be shown to a person.
+/// An event of an upload, to be displayed.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress {
-    /// The autopilot has asked for so many items.
+    /// The autopilot has requested this number of items.
     Items {
-        /// Asked for.
+        /// The number of requested items.
         done: u16,
-        /// Of so many.
+        /// The number of items in the mission.
         count: u16,
     },
-    /// Something that a person should know.
+    /// A message for the user.
     Note(String),
 }
 
-/// Why it failed.
+/// The reason why an upload failed.
 #[derive(Debug, Error)]
 pub enum FailedUpload {
     /// The link failed.
     #[error("link: {0}")]
     Link(#[from] io::Error),
-    /// No autopilot was heard.
+    /// No autopilot was received.
     #[error("{0}")]
     NobodyThere(NoHeartbeat),
-    /// The profile that was given is for another autopilot.
+    /// The specified profile is for another autopilot.
     #[error("{0}")]
     WrongProfile(WrongProfile),
-    /// The autopilot is there, but not ready to start a mission.
+    /// The autopilot answers but is not ready to start a mission.
     #[error("the autopilot is not ready: {0}")]
     NotReady(String),
     /// The mission cannot be uploaded.
@@ -71,12 +72,12 @@ pub enum FailedUpload {
     /// The transfer failed.
     #[error("{error}; {}", what_is_left(*.left))]
     Transfer {
-        /// Why.
+        /// The reason.
         error: UploadError,
-        /// What the autopilot has now.
+        /// The mission that is stored in the autopilot now.
         left: Left,
     },
-    /// It was started and not followed to its end.
+    /// The mission was started but not followed to its end.
     #[error("{0}")]
     Watch(#[from] WatchError),
 }
@@ -93,9 +94,10 @@ fn what_is_left(left: Left) -> &'static str {
 /// The acceleration with which autopilots fly the legs of a mission, m/s^2: ArduCopter's default.
 const MISSION_ACCELERATION_MPS2: f64 = 2.5;
 
-/// Says so if the legs of a mission are too short for its speed: an autopilot slows down at each
-/// waypoint, and from rest to rest over a leg of length `L` with acceleration `a` it reaches
-/// `sqrt(a L)` at most. (ArduCopter was seen to reach 8 m/s over 25 m, and 4.6 m/s over 20 m.)
+/// Returns a warning if the legs of a mission are too short for its speed: an autopilot slows down
+/// at each waypoint, and from rest to rest over a leg of length `L` with acceleration `a` it
+/// reaches at most `sqrt(a L)`. (ArduCopter was observed to reach 8 m/s over 25 m, and 4.6 m/s over
+/// 20 m.)
 pub fn short_legs(waypoints: &[Position<f64>], speed_mps: f64) -> Option<String> {
     let mut legs_m: Vec<f64> = waypoints
         .windows(2)
@@ -114,13 +116,13 @@ pub fn short_legs(waypoints: &[Position<f64>], speed_mps: f64) -> Option<String>
     })
 }
 
-/// How long after a failed upload parameters may take to be put back.
+/// The longest time that restoring the parameters may take after a failed upload.
 const RESTORE_PATIENCE: Duration = Duration::from_secs(30);
 
-/// What was set for the mission: name and value before.
+/// The parameters that were set for the mission: the name and the former value.
 type Changed = Vec<(&'static str, f32)>;
 
-/// Shows what the client found, and notes which parameters it set.
+/// Reports the events of the client, and records which parameters it set.
 fn take_events(
     client: &mut Autopilot<f64>,
     changed: &mut Changed,
@@ -136,8 +138,8 @@ fn take_events(
                 progress(Progress::Note(format!("{left}; set it by hand")));
                 continue;
             }
-            // The phases are those of a flight by setpoints, which this is not; the client is stopped
-            // when parameters are put back.
+            // These phases belong to a flight by setpoints, which an upload is not, and the client
+            // is stopped when parameters are restored.
             Event::Phase(_)
             | Event::Waiting(Obstacle::AlreadyArmed)
             | Event::Failsafe {
@@ -151,8 +153,8 @@ fn take_events(
     }
 }
 
-/// What stands against a start. An uploaded mission has no slots: a vehicle that is slower than the
-/// mission's speed arrives later.
+/// Returns the reason why the mission must not be started. An uploaded mission has no slots: a
+/// vehicle that is slower than the mission's speed only arrives later.
 fn refusal(client: &Autopilot<f64>, now: Instant) -> Option<PreflightRefusal> {
     client
         .refusals(now)
@@ -161,17 +163,18 @@ fn refusal(client: &Autopilot<f64>, now: Instant) -> Option<PreflightRefusal> {
 }
 
 impl Upload<'_> {
-    /// Connects, transfers, reads back, compares, and starts if asked. Returns the number of
-    /// items. When `stop` is set the transfer is cancelled and cleared.
+    /// Connects, transfers the mission, reads it back, compares it, and starts it if requested.
+    /// Returns the number of items. If `stop` is set, the transfer is cancelled and the mission is
+    /// cleared.
     ///
-    /// Where the client's settings have it set parameters, they are set before the transfer. They
-    /// stay set when the mission is there, as it is flown after this has returned, and a note says
-    /// what they were; after a failure, and after a flight that was followed until the motors
-    /// stopped, they are put back.
+    /// If the client's settings include parameters, they are set before the transfer. After a
+    /// successful transfer they stay set, because the mission is flown after this function has
+    /// returned, and a note reports the former values. After a failure, and after a flight that was
+    /// followed until the motors stopped, they are restored.
     ///
     /// # Errors
-    /// Nobody answers, the autopilot is not ready to start, it does not take the mission, or the
-    /// flight was not followed to its end.
+    /// Returns an error if no autopilot answers, if it is not ready to start or does not accept the
+    /// mission, or if the flight was not followed to its end.
     pub fn run(
         &self,
         session: &mut Session,
@@ -205,7 +208,7 @@ impl Upload<'_> {
         outcome
     }
 
-    /// The client has heard what is needed before a transfer.
+    /// Returns whether the client has received everything that is needed before a transfer.
     fn is_prepared(&self, client: &Autopilot<f64>, now: Instant) -> bool {
         let refused = refusal(client, now).is_some();
         let ready = !self.start || client.phase() == Phase::Standby || refused;
@@ -286,7 +289,7 @@ impl Upload<'_> {
             let (done, count) = upload.progress();
             progress(Progress::Items { done, count });
             match upload.outcome() {
-                // The last word of a read-back may still be due.
+                // The last message of a read-back may still be due.
                 Some(outcome) => {
                     while let Some(message) = upload.poll(session.now()) {
                         session.send(&message)?;
@@ -301,7 +304,7 @@ impl Upload<'_> {
     }
 }
 
-/// Says what the parameters were that the mission flies with.
+/// Reports the former values of the parameters that stay set for the mission.
 fn say_what_stays(changed: &Changed, progress: &mut impl FnMut(Progress)) {
     if changed.is_empty() {
         return;
@@ -316,8 +319,8 @@ fn say_what_stays(changed: &Changed, progress: &mut impl FnMut(Progress)) {
     )));
 }
 
-/// After a failure, or a flight that was followed to its end: parameters that were set become what
-/// they were.
+/// Restores the parameters that were set, after a failure or after a flight that was followed to
+/// its end.
 fn put_back(
     session: &mut Session,
     client: &mut Autopilot<f64>,
@@ -341,7 +344,7 @@ fn put_back(
 mod tests {
     use super::*;
 
-    /// 25 m legs were flown at 8 m/s, 300 m legs at nearly 30 m/s.
+    /// ArduCopter flew legs of 25 m at 8 m/s and legs of 300 m at nearly 30 m/s.
     #[test]
     fn short_legs_are_named_with_their_length() {
         let legs = |length_m: f64| -> Vec<Position<f64>> {

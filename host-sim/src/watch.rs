@@ -1,4 +1,4 @@
-//! Follows a mission that an autopilot flies by itself, until its motors stop.
+//! Follows a mission that an autopilot flies on its own, until the motors stop.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,19 +11,19 @@ use thiserror::Error;
 use crate::flight::is_notable;
 use crate::session::Session;
 
-/// A started mission whose motors have not turned for this long was not started.
+/// A started mission whose motors have not turned for this time was not started.
 const START_PATIENCE: Duration = Duration::from_secs(30);
 
-/// What a person may see while the mission is flown.
+/// A displayed event while the mission is flown.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Seen {
-    /// The autopilot flies towards this item.
+    /// The autopilot flies to this item.
     Item(u16),
-    /// Something that the autopilot did or said.
+    /// An action or a message of the autopilot.
     Event(String),
 }
 
-/// Why a mission was not followed to its end.
+/// The reason why a mission was not followed to its end.
 #[derive(Debug, Error)]
 pub enum WatchError {
     /// The link failed.
@@ -32,7 +32,7 @@ pub enum WatchError {
     /// The motors never turned.
     #[error("the mission was started, but the motors do not turn")]
     NotArmed,
-    /// Nothing was heard any more. The autopilot flies on by itself.
+    /// No message was received for this time, seconds. The autopilot flies on by itself.
     #[error("nothing heard for {0:.0} s on the way to item {1}: the autopilot flies on by itself")]
     Silence(f64, u16),
     /// The motors stopped before the last waypoint.
@@ -40,18 +40,20 @@ pub enum WatchError {
     Short {
         /// The item that the autopilot flew to.
         reached: u16,
-        /// The last one.
+        /// The last item.
         last: u16,
     },
-    /// A person asked to stop watching. The autopilot flies on by itself.
+    /// The user asked to stop watching. The autopilot flies on by itself.
     #[error("stopped watching on the way to item {0}: the autopilot flies on by itself")]
     Stopped(u16),
 }
 
-/// Returns when the motors have stopped after the last waypoint of `items` items was reached.
+/// Follows the mission and returns when the motors have stopped after the last waypoint of `items`
+/// items was reached.
 ///
 /// # Errors
-/// The link fails or falls silent, the motors stop earlier or never turn, or `stop` is set.
+/// Returns an error if the link fails or no message is received, if the motors stop earlier or
+/// never turn, or if `stop` is set.
 pub fn watch(
     session: &mut Session,
     client: &mut Autopilot<f64>,
@@ -66,7 +68,7 @@ pub fn watch(
         let mut current = None;
         session.turn(client, |_, _, message| match message {
             MavMessage::MISSION_CURRENT(mission) => current = Some(mission.seq),
-            // Some autopilots fall back to the first item when the last one is over.
+            // Some autopilots return to the first item when the last one is finished.
             MavMessage::MISSION_ITEM_REACHED(reached) => current = Some(reached.seq),
             _ => {}
         })?;
@@ -75,7 +77,7 @@ pub fn watch(
             see(Seen::Item(item));
         }
         while let Some(event) = client.take_next_event() {
-            // The client itself waits for the motors to stop: nothing that a person has to know.
+            // The client itself waits for the motors to stop, which is not displayed.
             let shown = is_notable(&event) && !matches!(event, Event::Waiting(_) | Event::Phase(_));
             if shown {
                 see(Seen::Event(event.to_string()));
@@ -87,7 +89,7 @@ pub fn watch(
             return Err(WatchError::Silence(silence_s(client, now), item));
         }
         if flew && !client.is_armed() {
-            // The last item is the landing; not every autopilot says that it has begun it.
+            // The last item is the landing; not every autopilot reports that it has begun it.
             if item + 1 >= last {
                 return Ok(());
             }

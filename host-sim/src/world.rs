@@ -1,10 +1,10 @@
-//! The world around the vehicle: true channels, and the signals themselves.
+//! The world around the vehicle: the true channels and the signals.
 //!
-//! A slot's signals are really drawn and superposed as eq:yr: every sensor's symbol through its
-//! coefficient and channel with its phase, the user's symbol, the receiver's noise. From the sum
-//! the vehicle estimates the average (eq:Fhat); over many symbols that gives an empirical MSE
-//! beside the analytic one, and for the symbols of the sensors' measurements an estimate in
-//! physical units.
+//! The signals of a slot are drawn and superposed as in eq:yr: the symbol of every sensor times its
+//! coefficient and its channel including the phase, the symbol of the user, and the noise of the
+//! receiver. From the sum the vehicle estimates the average (eq:Fhat). Over many symbols this gives
+//! an empirical MSE to compare with the analytic one; for the symbols of the sensors' measurements
+//! it gives an estimate in physical units.
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
@@ -21,9 +21,9 @@ use rand_pcg::Pcg64;
 use crate::{nomographic::Nomographic, record::SignalRecord};
 use scenario::Scenario;
 
-/// Channel state as the host sends it.
+/// The channel state that the host sends.
 pub type HostChannelState = ChannelState<f64, USERS_MAX, SENSORS_MAX>;
-/// A slot command as the host receives it.
+/// The slot command that the host receives.
 pub type HostSlotCommand = SlotCommand<f64, SENSORS_MAX>;
 
 /// Everything outside the vehicle.
@@ -31,29 +31,29 @@ pub type HostSlotCommand = SlotCommand<f64, SENSORS_MAX>;
 pub struct World {
     scenario: Scenario,
     function: Nomographic,
-    /// Slots by sensors, in the scenario's unit.
+    /// The measurements, indexed by slot and sensor, in the scenario's unit.
     measurements: Vec<Vec<f64>>,
     seed: u64,
     symbols_per_slot: u32,
 }
 
-/// What truly came of a slot command.
+/// The true result of a slot command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlotOutcome {
     /// eq:rate at the true channels, bit/s/Hz.
     pub rate: f64,
     /// The MSE at the true channels.
     pub mse: f64,
-    /// What the signals gave.
+    /// The result of the drawn signals.
     pub signals: SignalRecord,
 }
 
-/// Symbols drawn in a slot unless asked otherwise: 24,000 in a mission of 60.
+/// The default number of symbols drawn in a slot: 24,000 in a mission of 60 slots.
 pub const SYMBOLS_PER_SLOT: u32 = 400;
 
 impl World {
-    /// The world of a scenario. The same `seed` draws the same signals, slot by slot, whatever
-    /// the policy does.
+    /// Creates the world of a scenario. The same `seed` draws the same signals in every slot,
+    /// whatever the policy does.
     pub fn new(scenario: &Scenario, seed: u64, symbols_per_slot: u32) -> Self {
         let measurements = scenario.sensing.measurements(&scenario.mission);
         Self {
@@ -69,25 +69,26 @@ impl World {
         }
     }
 
-    /// Whether the mission has this slot: 1 to `N`.
+    /// Returns whether the mission has this slot: 1 to `N`.
     pub fn has_slot(&self, slot: u32) -> bool {
         (1..=self.scenario.mission.slots()).contains(&slot)
     }
 
-    /// Whether the mission has this user: 0 to `M - 1`.
+    /// Returns whether the mission has this user: 0 to `M - 1`.
     pub fn has_user(&self, user: usize) -> bool {
         user < self.scenario.mission.user_count()
     }
 
-    /// The channels of a slot with the vehicle over `vehicle`.
+    /// Returns the channels of a slot with the vehicle at `vehicle`.
     pub fn channel_state(&self, slot: u32, vehicle: &Position<f64>) -> HostChannelState {
         ChannelState::predicted(&self.scenario.mission, slot, vehicle)
     }
 
-    /// Everybody does as commanded with the vehicle over `vehicle`: what comes of it.
+    /// Returns the result of a slot in which all users and sensors obey `command`, with the vehicle
+    /// at `vehicle`.
     ///
     /// # Panics
-    /// A [slot](Self::has_slot) that the mission does not have.
+    /// Panics if the mission does not have the command's [slot](Self::has_slot).
     pub fn transmit(&self, command: &HostSlotCommand, vehicle: &Position<f64>) -> SlotOutcome {
         let mission = &self.scenario.mission;
         let truth = self.channel_state(command.slot, vehicle);
@@ -109,11 +110,11 @@ impl World {
         }
     }
 
-    /// The rate of a slot in which `user`, if anybody, is served with the vehicle over `vehicle`, as `method`
-    /// allocates it, bit/s/Hz.
+    /// Returns the rate, bit/s/Hz, of a slot in which `user`, if any, is served with the vehicle at
+    /// `vehicle` and the powers that `method` allocates.
     ///
     /// # Panics
-    /// A [user](Self::has_user) that the mission does not have.
+    /// Panics if the mission does not have this [user](Self::has_user).
     pub fn rate_at(
         &self,
         method: &Method<f64>,
@@ -127,12 +128,12 @@ impl World {
         let field = workspace.sensors(&limits, &state.sensor_gains);
         let solution =
             field.and_then(|field| method.solve(&field, user.map(|user| state.user_gains[user])));
-        // Gains of the channel model make a slot problem.
+        // The gains of the channel model always form a valid slot problem.
         solution.map_or(0.0, |solution| solution.rate)
     }
 
     fn receive(&self, slot: &aircomp::Slot<'_, f64>, command: &HostSlotCommand) -> SignalRecord {
-        // A generator per slot: the draws of a slot do not depend on the slots before.
+        // One generator per slot: the draws of a slot do not depend on earlier slots.
         let mut random = Pcg64::seed_from_u64(self.seed ^ (u64::from(command.slot) << 32));
         let air = Air::new(slot, &mut random);
         let sensors = slot.sensor_gains.len() as f64;
@@ -155,15 +156,15 @@ impl World {
             empirical_mse: squares / f64::from(self.symbols_per_slot),
             symbols: self.symbols_per_slot,
             true_value: self.function.true_value(measured),
-            // Measurements are real, so the estimate is the real part.
+            // The measurements are real, so the estimate is the real part.
             estimate: self.function.post_process(estimate(received).re),
         }
     }
 }
 
-/// The channel of one slot as complex numbers.
+/// The channels of one slot as complex numbers.
 struct Air {
-    /// `b_j h_j`, phases included.
+    /// `b_j h_j`, including the phases.
     sensors: Vec<Complex<f64>>,
     /// `g sqrt(p)`.
     user: Complex<f64>,
@@ -172,7 +173,7 @@ struct Air {
 }
 
 impl Air {
-    /// Draws the phases: each sensor's coefficient carries the conjugate of its channel's.
+    /// Draws the phases. The coefficient of each sensor has the conjugate phase of its channel.
     fn new(slot: &aircomp::Slot<'_, f64>, random: &mut Pcg64) -> Self {
         let mut phase = || random.random_range(0.0..TAU);
         let sensors = slot.sensor_gains.iter().zip(slot.sensor_coefficients);
@@ -191,20 +192,20 @@ impl Air {
         }
     }
 
-    /// eq:yr: what arrives when the sensors send `symbols`, the user a symbol of its own, and
-    /// the receiver adds noise.
+    /// Returns the received signal of eq:yr: the sensors send `symbols`, the user sends a symbol of
+    /// its own, and the receiver adds noise.
     fn superpose(&self, symbols: &[Complex<f64>], random: &mut Pcg64) -> Complex<f64> {
         let sensors: Complex<f64> = self.sensors.iter().zip(symbols).map(|(a, o)| a * o).sum();
         sensors + self.user * unit_symbol(random) + unit_symbol(random) * self.noise_amplitude
     }
 }
 
-/// `magnitude e^(i phase)`.
+/// Returns `magnitude e^(i phase)`.
 fn polar(magnitude: f64, phase: f64) -> Complex<f64> {
     Complex::new(phase.cos(), phase.sin()) * magnitude
 }
 
-/// A circular complex Gaussian of mean 0 and variance 1.
+/// Draws a circular complex Gaussian of mean 0 and variance 1.
 fn unit_symbol(random: &mut Pcg64) -> Complex<f64> {
     let mut part = || -> f64 { StandardNormal.sample(&mut *random) };
     Complex::new(part(), part()) * FRAC_1_SQRT_2
@@ -216,8 +217,8 @@ mod tests {
     use firmware_core::{controller::Controller, policy::StraightLine};
     use scenario::{Topology, generate};
 
-    /// The signals agree with the formula: within 4 standard errors over 20,000 symbols in each
-    /// of 60 slots (a fixed seed, so this holds or it does not), and 3 for the mission.
+    /// The signals agree with the formula within 4 standard errors over 20,000 symbols in each of
+    /// 60 slots, and within 3 over the mission. The seed is fixed, so the test is deterministic.
     #[test]
     fn empirical_mse_meets_the_analytic_one() {
         let scenario = generate(Topology::Separated, 1, 15, 36).unwrap();

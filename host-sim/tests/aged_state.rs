@@ -1,5 +1,5 @@
-//! What missing channel states cost: the default mission with states that do not come, as a table
-//! (`docs/link-protocol.md` has it).
+//! The cost of missing channel states: the default mission with lost states, as a table that
+//! `docs/link-protocol.md` contains.
 
 use firmware_core::{
     aircomp,
@@ -88,7 +88,8 @@ fn lost_states_cost_rate_and_never_accuracy() {
     );
     let share = |index: usize| rows[index].sum_rate / rows[0].sum_rate;
     assert_eq!((rows[0].aged, rows[0].silent), (0, 0));
-    // A state lost now and then costs little; all of them lost costs nearly everything.
+    // States that are lost now and then cost little; the loss of all states costs nearly the whole
+    // rate.
     assert!(share(1) > 0.95, "{}", share(1));
     assert!(share(3) > 0.6, "{}", share(3));
     assert!(

@@ -1,5 +1,5 @@
-//! The onboard MAVLink client and the built-in vehicle, in simulated time, through real
-//! MAVLink 2 bytes in both directions.
+//! The onboard MAVLink client and the built-in vehicle in simulated time, connected by encoded
+//! MAVLink 2 frames in both directions.
 
 mod flight;
 
@@ -40,7 +40,7 @@ fn a_multirotor_follows_a_straight_line_at_full_speed() {
     let begin = flight.now;
     let mut missed = Vec::new();
     for n in 0..25 {
-        // Planned from where it is, as the controller does.
+        // The leg is planned from the present position, as in the controller.
         let from = flight.client.position().unwrap().position;
         let waypoint = Position::new(from.x + 27.0, from.y + 13.0);
         let ended = flight.fly_leg(waypoint, begin + SLOT * (n + 1));

@@ -1,4 +1,5 @@
-//! The built-in `arducopter` and `px4` behave as the real ones did, and our client flies them.
+//! The built-in `arducopter` and `px4` behave as the recorded autopilots did, and our client flies
+//! them.
 
 mod flight;
 
@@ -35,8 +36,9 @@ fn fast(profile: Profile) -> Vec<(String, f32)> {
         .collect()
 }
 
-/// Legs of `length_m` along a wide circle, planned from where the vehicle is; distances
-/// between planned and flown position at the slots' ends once under way.
+/// Flies legs of `length_m` along a wide circle, planned from the position of the vehicle. Returns
+/// the distances between planned and flown position at the ends of the slots once the vehicle
+/// moves.
 fn missed(flight: &mut Flight, length_m: f64, slots: u32) -> Vec<f64> {
     let begin = flight.now;
     let missed = (0..slots).map(|n| {
@@ -53,8 +55,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// The local frame's origin becomes known after the first position: the vehicle stays over its
-/// place all the same, wherever on the map that is.
+/// The origin of the local frame becomes known after the first position: the vehicle stays above
+/// its position all the same, wherever that is on the map.
 #[test]
 fn a_vehicle_takes_off_straight_up() {
     let place = Position::new(700.0, 420.0);
@@ -95,7 +97,8 @@ fn with_the_right_parameters_both_track_at_mission_speed() {
                 settings.coordinates = coordinates;
                 vehicle.parameters = fast(profile);
             });
-            // At the start's place on the map, although the local frame begins elsewhere.
+            // The vehicle is at the start's position on the map, although the origin of the local
+            // frame differs.
             let off = (flight.vehicle.true_position() - flight::start()).norm();
             assert!(off < 2.0, "{profile}: {off}");
             assert!((flight.vehicle.altitude_m() - ALTITUDE_M).abs() < 2.5);
@@ -131,7 +134,8 @@ fn clipping_parameters_are_said_and_obeyed() {
             flight.log
         );
         assert_eq!(flight.client.limits().speed_mps, speed);
-        // The reference goes no faster than the vehicle can: slow, but never lost.
+        // The reference is not faster than the vehicle can be: it is slow, but the vehicle follows
+        // it.
         let begin = flight.now;
         for n in 0..30 {
             let from = flight.client.position().unwrap().position;
@@ -146,7 +150,7 @@ fn clipping_parameters_are_said_and_obeyed() {
     }
 }
 
-/// A hand on the wire: raw messages to a vehicle.
+/// Sends raw messages to a vehicle.
 struct Hand {
     now: Instant,
     vehicle: Vehicle,
@@ -216,7 +220,7 @@ impl Hand {
             target_component: 1,
             ..COMMAND_LONG_DATA::DEFAULT
         }));
-        // The answer waits for what was to leave before it.
+        // The answer is sent after the messages that were queued before it.
         for _ in 0..25 {
             let answer = self.heard.iter().find_map(|message| match message {
                 MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
@@ -237,7 +241,8 @@ impl Hand {
         })
     }
 
-    /// A setpoint relative to where the local frame begins; `velocity` none: a place only.
+    /// Sends a setpoint relative to the origin of the local frame; without `velocity` it is only a
+    /// position.
     fn setpoint(&mut self, north: f32, east: f32, velocity: Option<[f32; 2]>, system: u8) {
         let mut type_mask = Mask::POSITION_TARGET_TYPEMASK_AX_IGNORE
             | Mask::POSITION_TARGET_TYPEMASK_AY_IGNORE
@@ -266,7 +271,7 @@ impl Hand {
         ));
     }
 
-    /// In the air at 100 m, in the mode that follows setpoints.
+    /// Returns a vehicle in the air at 100 m, in the mode that follows setpoints.
     fn airborne(profile: Profile, parameters: &[(&str, f32)]) -> Self {
         Self::new(profile, parameters).taken_off(profile)
     }
@@ -295,7 +300,7 @@ impl Hand {
         hand
     }
 
-    /// Metres north and east of the start.
+    /// Returns the distance north and east of the start, metres.
     fn moved(&self) -> Vector2<f64> {
         self.vehicle.true_position() - flight::start()
     }
@@ -323,7 +328,7 @@ fn arducopter_before_it_is_ready() {
     assert!(hand.said("Need Position Estimate"));
     hand.wait(40.0);
     assert_eq!(hand.command(ARM, [1.0, 0.0, 0.0, 0.0]), ACCEPTED);
-    // On the ground setpoints are dropped, and without a take-off the motors stop.
+    // On the ground setpoints are ignored, and without a take-off the motors stop.
     hand.setpoint(50.0, 0.0, None, 1);
     hand.wait(9.0);
     assert!(hand.vehicle.armed());
@@ -348,7 +353,8 @@ fn arducopter_drops_setpoints_in_silence() {
     let echoed = |m: &MavMessage| matches!(m, MavMessage::POSITION_TARGET_GLOBAL_INT(_));
     assert!(hand.heard.iter().any(echoed));
     hand.wait(20.0);
-    // A bare position is a place to stop at, north and east of the estimator's origin.
+    // A position without a velocity is a place to stop at, north and east of the estimator's
+    // origin.
     assert!(
         (hand.moved() - Vector2::new(20.0, 50.0)).norm() < 0.5,
         "{:?}",
@@ -363,7 +369,7 @@ fn arducopter_position_only_targets_lag_and_moving_ones_do_not() {
         let mut lag = 0.0;
         let mut place = 0.0;
         for step in 0..600 {
-            // 25 m/s after a ramp of 5 s, as positions each second or as a stream at 10 Hz.
+            // 25 m/s after a ramp of 5 s, as one position per second or as a stream at 10 Hz.
             let time = f64::from(step) * 0.1;
             let speed = 25.0 * (time / 5.0).min(1.0);
             place += speed * 0.1;
@@ -439,7 +445,7 @@ fn px4_follows_only_a_stream() {
         hand.setpoint(0.0, 30.0, Some([0.0, 0.0]), 1);
         hand.wait(0.1);
     }
-    // The stream ends: it stops at the last target, leaves OFFBOARD, then sinks.
+    // The stream ends: the vehicle stops at the last target, leaves OFFBOARD, then descends.
     hand.wait(4.0);
     assert_eq!(hand.vehicle.mode(), FlightMode::Guided);
     hand.wait(4.0);
@@ -468,7 +474,8 @@ fn a_place_on_the_map_is_the_same_for_every_vehicle() {
     }
 }
 
-/// Time, stamp, and message of each position as it left the vehicle, while `hand` waits.
+/// Returns the time, the time stamp and the message of each position as it left the vehicle, while
+/// `hand` waits.
 fn samples(hand: &mut Hand, seconds: f64) -> Vec<(f64, LOCAL_POSITION_NED_DATA)> {
     let mut samples = Vec::new();
     for _ in 0..(seconds * 1000.0) as usize {
@@ -488,8 +495,8 @@ fn samples(hand: &mut Hand, seconds: f64) -> Vec<(f64, LOCAL_POSITION_NED_DATA)>
 const SET_INTERVAL: MavCmd = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
 
 /// As recorded (`data/flights/facts.md`): ArduCopter stamps its samples regularly and delivers them
-/// with jitter, PX4 the other way round; their clocks run at 0.9997 and 0.99; now and then nothing
-/// comes for 130 ms, and then everything, in order.
+/// with jitter, PX4 does the opposite; their clocks run at 0.9997 and 0.99; now and then no sample
+/// is received for 130 ms, and then all of them, in order.
 #[test]
 fn samples_come_as_recorded() {
     for (profile, rate, stamped, received) in [
@@ -529,7 +536,7 @@ fn samples_come_as_recorded() {
     }
 }
 
-/// The same seed gives the same samples at the same times, another one others.
+/// The same seed gives the same samples at the same times; another seed gives different ones.
 #[test]
 fn jitter_is_the_same_for_the_same_seed() {
     let flown = |seed| {
@@ -542,7 +549,7 @@ fn jitter_is_the_same_for_the_same_seed() {
     assert_ne!(flown(1), flown(2));
 }
 
-/// PX4 says that its position is constant for as long as it stands still, and only then.
+/// PX4 reports that its position is constant while it stands still, and only then.
 #[test]
 fn px4_sets_the_flag_for_a_constant_position_on_the_ground() {
     use mavlink::dialects::common::EstimatorStatusFlags as F;
@@ -563,7 +570,7 @@ fn px4_sets_the_flag_for_a_constant_position_on_the_ground() {
     assert!(!F::from_bits_retain(895).contains(F::ESTIMATOR_CONST_POS_MODE));
 }
 
-/// Flies east with a stream of setpoints that is always ahead; the speed that is reached.
+/// Flies east with a stream of setpoints that is always ahead; returns the speed that is reached.
 fn speed_reached(profile: Profile, change: impl FnOnce(&mut VehicleSettings)) -> f64 {
     let mut settings = flight::vehicle(profile);
     settings.parameters = fast(profile);
@@ -577,7 +584,7 @@ fn speed_reached(profile: Profile, change: impl FnOnce(&mut VehicleSettings)) ->
     hand.vehicle.velocity().x
 }
 
-/// The default airframes of the simulators are slow; wind against the vehicle slows it down.
+/// The default airframes of the simulators are slow; a headwind slows the vehicle down.
 #[test]
 fn airframes_and_wind_limit_the_speed() {
     for (profile, stock) in [(Profile::ArduCopter, 15.2), (Profile::Px4, 10.0)] {
@@ -586,7 +593,7 @@ fn airframes_and_wind_limit_the_speed() {
         let stock_ability = profile.ability_with(Airframe::Stock);
         let slow = speed_reached(profile, |settings| settings.ability = stock_ability);
         assert!((slow - stock).abs() < 0.5, "{profile}: {slow}");
-        // Wind from the west pushes a slow one along, through the air it is as slow as before.
+        // Wind from the west pushes a slow vehicle along; its airspeed is the same as before.
         let pushed = speed_reached(profile, |settings| {
             settings.ability = Ability {
                 speed_mps: 40.0,
@@ -598,7 +605,7 @@ fn airframes_and_wind_limit_the_speed() {
     }
 }
 
-/// In wind it holds its place, but not quite: gusts push it.
+/// In wind the vehicle holds its position only approximately, because of gusts.
 #[test]
 fn wind_pushes_a_vehicle_that_hovers() {
     for (wind_mps, least, most) in [(0.0, 0.0, 0.01), (8.0, 0.05, 4.0)] {
@@ -618,7 +625,7 @@ fn wind_pushes_a_vehicle_that_hovers() {
     }
 }
 
-/// Death without a word: nothing comes any more, and nothing that is sent has an effect.
+/// A vehicle that fails sends no more messages, and nothing that is sent to it has an effect.
 #[test]
 fn a_dead_vehicle_is_silent() {
     let settings = VehicleSettings {
@@ -638,8 +645,8 @@ fn a_dead_vehicle_is_silent() {
     assert_eq!(hand.vehicle.mode(), FlightMode::Manual);
 }
 
-/// As recorded: ArduCopter's own failsafes say why and change the mode to RTL, and the client lets
-/// go for good.
+/// As recorded: ArduCopter's own failsafes report the reason and change the mode to RTL, and the
+/// client permanently gives up control.
 #[test]
 fn arducopter_returns_by_itself_and_the_client_lets_go() {
     for (name, value, said) in [

@@ -1,6 +1,6 @@
-//! The default mission over a radio that loses a fifth of all frames, doubles a twentieth and
-//! lets a twentieth be overtaken: 1,000 seeded flights in simulated time, and 100 with each other
-//! vehicle. None ends in a wrong state.
+//! The default mission over a radio that loses 20 % of all frames, duplicates 5 % and reorders 5 %:
+//! 1,000 seeded flights in simulated time, and 100 with each other vehicle. Every flight must end
+//! in a correct state.
 
 use environment::Allocation;
 use firmware_core::{policy::StraightLine, time::Duration};
@@ -24,7 +24,7 @@ fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> Fli
     };
     let policy = StraightLine::new(&scenario.mission);
     let mut vehicle = vehicle_settings(scenario, profile);
-    // A long wait for the estimator would teach nothing.
+    // A long wait for the estimator would not test anything further.
     vehicle.ready_after = vehicle.ready_after.min(Duration::from_secs(2));
     let mut peer = Peer::built_in(Vehicle::new(vehicle)).with_parameters_set();
     if let Some(text) = impairment {
@@ -36,7 +36,7 @@ fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> Fli
     })
 }
 
-/// The whole mission was flown, as asked, and everything is as it was.
+/// The whole mission was flown as requested, and all parameters are restored.
 fn assert_ends_well(record: &FlightRecord, seed: u64, ideal_rate: f64) -> Summary {
     let summary = record.summary();
     let said = |words: &str| {
@@ -54,8 +54,8 @@ fn assert_ends_well(record: &FlightRecord, seed: u64, ideal_rate: f64) -> Summar
     assert_eq!(said("FAILSAFE"), 0, "{}", context());
     assert_eq!(said("disarmed"), 1, "{}", context());
     assert_eq!(said(" set from "), said(" put back to "), "{}", context());
-    // A flight with a vehicle that has inertia costs something: 2.1 % with ArduCopter's recorded
-    // dynamics on a perfect link, 3.1 % at worst on these.
+    // Inertia reduces the rate: by 2.1 % with ArduCopter's recorded dynamics on a perfect link, and
+    // by at most 3.1 % on these.
     let share = summary.sum_rate / ideal_rate;
     assert!(share > 0.965, "{}", context());
     assert!(summary.planned_vs_flown_median_m < 3.0, "{}", context());
@@ -88,7 +88,7 @@ fn a_thousand_default_missions_over_a_bad_radio_all_end_well() {
     }
 }
 
-/// The same seed is the same bad day.
+/// The same seed gives the same impairment.
 #[test]
 fn an_impairment_is_reproducible() {
     let scenario = Scenario::shipped("separated").unwrap();

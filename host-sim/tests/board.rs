@@ -1,4 +1,5 @@
-//! A mission with the board's computer, in single precision and stepped from outside as QEMU's is.
+//! A mission with the board's computer, in single precision and stepped from outside like the board
+//! in QEMU.
 
 use environment::Allocation;
 use firmware_core::console::PolicyKind;

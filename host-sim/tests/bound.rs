@@ -1,5 +1,5 @@
-//! The certificate against everything that could contradict it: enumeration, random missions,
-//! and the mission that it hands out, flown.
+//! Tests the certificate against everything that could contradict it: enumeration, random missions,
+//! and a flight of the mission that it returns.
 
 use firmware_core::{
     Mission, Position, USERS_MAX,
@@ -27,7 +27,7 @@ fn changed(
     Mission::new(parameters).expect("a valid mission")
 }
 
-/// Quick: one leaf, coarse cells.
+/// Settings for a quick search: one leaf, coarse cells.
 const QUICK: Settings = Settings {
     gap: 0.01,
     finest_cell_m: 1.0,
@@ -49,7 +49,7 @@ fn shipped_missions_are_bounded_within_two_percent() {
     }
 }
 
-/// The plan through the controller, slot by slot, on the paper's kinematics.
+/// Flies the plan through the controller, slot by slot, with the paper's kinematics.
 #[test]
 fn the_mission_keeps_every_constraint_and_reproduces_its_rate() {
     for name in ["separated", "mixed"] {
@@ -100,8 +100,8 @@ fn the_same_mission_gets_the_same_certificate() {
     assert_eq!(first, second);
 }
 
-/// A mission that the shield lets through: random wishes, persistent for a few slots, and users
-/// by chance or by rate.
+/// Returns a mission that the shield admits: random wishes that persist for a few slots, and users
+/// that are chosen at random or by rate.
 fn random_mission(
     mission: &HostMission,
     rates: &mut PlaceRates<'_, 16, 64>,
@@ -157,8 +157,8 @@ fn ten_thousand_random_missions_stay_below() {
     }
 }
 
-/// Every path over a lattice of places and every fair order of users, on tiny missions drawn at
-/// random.
+/// Tries every path over a lattice of positions and every fair order of users, on tiny random
+/// missions.
 #[test]
 fn enumeration_never_exceeds_the_bound() {
     let mut rng = Pcg64Mcg::seed_from_u64(3);
@@ -198,7 +198,8 @@ fn enumeration_never_exceeds_the_bound() {
     }
 }
 
-/// By recursion over lattice points and users, with the counts that fairness needs.
+/// Computes the optimum by recursion over lattice points and users, with the counts that fairness
+/// needs.
 fn best_by_enumeration(mission: &HostMission, spacing_m: f64) -> f64 {
     let p = mission.parameters();
     let users = mission.user_count();
@@ -213,7 +214,7 @@ fn best_by_enumeration(mission: &HostMission, spacing_m: f64) -> f64 {
             places.push((place, row));
         }
     }
-    // best[place][count of user 0]: enough for two users.
+    // `best[place][count of user 0]` is enough for two users.
     let reach_m = mission.reach_m();
     let slots = mission.slots() as usize;
     let mut best: Vec<Vec<f64>> = Vec::new();
@@ -259,8 +260,9 @@ fn best_by_enumeration(mission: &HostMission, spacing_m: f64) -> f64 {
         .fold(0.0, |best, (_, &value)| best.max(value))
 }
 
-/// Whoever crosses the whole area in a slot gains nothing by being faster: the same certificate,
-/// and no more work, whether that comes from the speed, from the slot's length, or from both.
+/// A vehicle that can cross the whole area in a slot gains nothing from a higher speed: the
+/// certificate is the same and takes no more work, whether the reach is due to the speed, to the
+/// slot's length, or to both.
 #[test]
 fn a_reach_beyond_the_area_is_the_area() {
     let mission = shipped("separated");
@@ -287,8 +289,8 @@ fn a_reach_beyond_the_area_is_the_area() {
     }
 }
 
-/// What is allowed to be stored holds for the cells that the missions are parted at, not only for
-/// the larger ones of the beginning.
+/// The storage limit applies to the cells at which the missions are branched, not only to the
+/// larger cells at the beginning.
 #[test]
 fn the_limit_on_pairs_holds_at_the_parting_depth_too() {
     let mission = shipped("separated");
@@ -306,7 +308,7 @@ fn the_limit_on_pairs_holds_at_the_parting_depth_too() {
     }
 }
 
-/// Where no place meets Gamma, every mission carries nothing, and that is known exactly.
+/// If no position meets Gamma, every mission has rate zero, and the gap is exactly zero.
 #[test]
 fn nothing_carried_is_no_gap() {
     let deaf = changed(&shipped("separated"), |p| p.mse_threshold = 1e-6);

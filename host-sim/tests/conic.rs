@@ -1,4 +1,4 @@
-//! The closed form and Alg. 1 against Clarabel.
+//! Compares the closed form and Alg. 1 with Clarabel.
 
 use firmware_core::{
     PowerGain, Watt, aircomp,
@@ -34,7 +34,7 @@ fn exact(problem: &Problem) -> (Solution<f64>, f64) {
     (solution, field.least_mse())
 }
 
-/// Whatever Clarabel said: bounds and accuracy, by the printed formulas.
+/// Checks the bounds and the accuracy by the printed formulas, whatever Clarabel returned.
 fn check(problem: &Problem, report: &Report) {
     let gains = gains(problem);
     assert!(
@@ -61,7 +61,7 @@ fn check(problem: &Problem, report: &Report) {
     }
 }
 
-/// A slot as over the shipped areas, `J` from 1 to 40.
+/// Draws a slot with gains as in the shipped areas, `J` from 1 to 40.
 fn draw(random: &mut Pcg64Mcg, orders: f64) -> Problem {
     let sensors = random.random_range(1..=40);
     let mut gain = || 10f64.powf(random.random_range(-12.0..-12.0 + orders));

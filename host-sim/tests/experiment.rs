@@ -1,4 +1,5 @@
-//! The figures from the shipped policies: near the bound, in order, and as committed.
+//! The figures from the shipped policies: near the bound, in the expected order, and equal to the
+//! committed files.
 
 #![cfg(feature = "onnx")]
 
@@ -34,7 +35,7 @@ fn settings(out: &Path, models: PathBuf) -> Settings {
     }
 }
 
-/// What a figure's flights come to now.
+/// Measures the flights of a figure.
 fn measured(experiment: Experiment) -> Vec<TotalRow> {
     let out = tempfile::tempdir().expect("a directory");
     let settings = settings(out.path(), repository().join("models"));
@@ -45,7 +46,7 @@ fn measured(experiment: Experiment) -> Vec<TotalRow> {
     table::read(&experiment.csv(out.path())).expect("rows")
 }
 
-/// Rows of a mission, the approaches in the figure's order.
+/// Returns the rows of each mission, the approaches in the figure's order.
 fn missions(rows: &[TotalRow]) -> impl Iterator<Item = &[TotalRow]> {
     rows.chunk_by(|a, b| {
         let mission = |row: &TotalRow| {
@@ -92,7 +93,7 @@ fn sac_is_near_the_bound_and_above_the_others_in_every_cell() {
             assert!(row.constraints_held, "{row:?}");
         }
     }
-    // More is allowed, more is sent; more noise, less.
+    // A higher threshold gives a higher rate; more noise gives a lower one.
     for of_kind in rows.chunk_by(|a, b| (a.topology, a.noise_dbm) == (b.topology, b.noise_dbm)) {
         let totals: Vec<f64> = missions(of_kind)
             .filter_map(|mission| rate(mission, Approach::Sac))
@@ -121,8 +122,8 @@ fn the_total_grows_with_the_mission_time() {
     as_committed(Experiment::MissionTime, &rows);
 }
 
-/// The committed CSV file holds these numbers. Processors with other vector instructions round a
-/// policy's outputs differently, which may move a way-point by a hair.
+/// The committed CSV file contains these numbers. Processors with other vector instructions round a
+/// policy's outputs differently, which may move a waypoint by a tiny distance.
 fn as_committed(experiment: Experiment, rows: &[TotalRow]) {
     let committed: Vec<TotalRow> = table::read(&experiment.csv(&figures())).expect("committed");
     assert_eq!(committed.len(), rows.len());
@@ -192,7 +193,7 @@ fn what_is_missing_is_named_with_the_way_to_get_it() {
     assert!(problem.contains("--train"), "{problem}");
 }
 
-/// A stand-in for the trainer: writes down how it was called, and leaves a shipped policy.
+/// A replacement for the trainer: records its arguments, and copies a shipped policy.
 #[cfg(unix)]
 #[test]
 fn what_is_missing_is_trained_once() {

@@ -1,4 +1,5 @@
-//! Each row of the failsafe table, on simulated time: what happens, when, and how it ends.
+//! Tests each row of the failsafe table in simulated time: what happens, when, and how the flight
+//! ends.
 
 mod flight;
 
@@ -16,7 +17,7 @@ fn hovering() -> Flight {
     ready(Profile::Ideal, |_, _| {})
 }
 
-/// Everything but our heartbeat.
+/// Returns all messages except our heartbeat.
 fn acts(flight: &Flight, since: Instant) -> Vec<&MavMessage> {
     let acting = |m: &&MavMessage| !matches!(m, MavMessage::HEARTBEAT(_));
     let later = flight.sent.iter().filter(|(at, _)| *at > since);
@@ -28,7 +29,7 @@ fn arms(message: &MavMessage) -> bool {
         if c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM && c.param1 == 1.0)
 }
 
-/// Flies legs eastwards until the client stops taking them.
+/// Flies legs eastwards until the client no longer accepts them.
 fn fly_on(flight: &mut Flight, slots: u32) {
     for _ in 0..slots {
         let from = flight.client.position().unwrap().position;
@@ -81,7 +82,7 @@ fn heartbeat_lost_falls_silent_and_lands_when_it_is_back() {
 }
 
 /// In flight and while landing: 5 s and 20 s after the last heartbeat the flight is over, the first
-/// cause is kept, and nothing is sent any more until the autopilot is heard.
+/// cause is kept, and nothing is sent any more until the autopilot is received again.
 #[test]
 fn a_dead_link_ends_the_flight() {
     for landing in [false, true] {
@@ -103,7 +104,7 @@ fn a_dead_link_ends_the_flight() {
         assert!(*last - lost <= Duration::from_millis(5_100));
         let said = "FAILSAFE link dead: release control";
         assert!(flight.log.iter().any(|line| line.ends_with(said)));
-        // Heard again: our heartbeat goes on, and nothing else.
+        // The autopilot is received again: only our heartbeat continues.
         flight.vehicle.faults.no_heartbeat = false;
         let heard = flight.now;
         flight.run_for(Duration::from_secs(5));
@@ -162,7 +163,7 @@ fn the_pilot_takes_over_for_good() {
         let taken = flight.now;
         flight.run_for(Duration::from_secs(10));
         assert_eq!(flight.client.phase(), Phase::Released, "{mode:?}");
-        // Not even when the pilot switches back to the mode that follows setpoints.
+        // This holds even if the pilot switches back to the mode that follows setpoints.
         flight
             .vehicle
             .pilot_sets_mode(flight.now, FlightMode::Guided);
@@ -197,7 +198,8 @@ fn the_pilot_takes_over_while_landing() {
     assert!(flight.vehicle.altitude_m() > 10.0);
 }
 
-/// Motors that stop in the air: whatever did that has control. Nothing is sent, and nobody arms.
+/// If the motors stop in the air, someone else has control. Nothing is sent, and the client does
+/// not arm.
 #[test]
 fn disarmed_in_flight_lets_go() {
     let mut flight = hovering();
@@ -216,8 +218,8 @@ fn disarmed_in_flight_lets_go() {
     assert!(acts(&flight, released).is_empty());
 }
 
-/// A command that the flight needs, refused for good in the air: here the landing itself. Then
-/// nothing is left to send but silence, so that the autopilot's own failsafe acts.
+/// A command that the flight needs is refused permanently in the air: here the landing itself. Then
+/// the client can only stop sending, so that the autopilot's own failsafe acts.
 #[test]
 fn a_landing_that_is_never_answered_falls_silent() {
     let mut flight = hovering();
@@ -247,7 +249,7 @@ fn outside_the_geofence_lands() {
             ceiling_m: 120.0,
         });
     });
-    flight.vehicle.faults.position_offset_m.y = 40.0; // blown out, too slowly for a jump
+    flight.vehicle.faults.position_offset_m.y = 40.0; // drifts away, too slowly for a jump
     flight.run_for(Duration::from_millis(200));
     assert_lands(flight, Cause::FenceBreached, Duration::from_secs(1));
 }
@@ -303,8 +305,8 @@ fn stop_lands_from_flight_and_stops_motors_on_the_ground() {
     }
 }
 
-/// Ctrl-C while the vehicle leaves the ground: whichever of the two is faster, it ends on the
-/// ground with motors off.
+/// Ctrl-C while the vehicle leaves the ground: whichever of the two is faster, the flight ends on
+/// the ground with the motors off.
 #[test]
 fn stop_during_take_off_never_leaves_the_vehicle_in_the_air() {
     for profile in Profile::ALL {

@@ -1,4 +1,4 @@
-//! Whole flights over a link that loses, doubles, reorders and damages frames.
+//! Whole flights over a link that loses, duplicates, reorders and damages frames.
 
 mod flight;
 
@@ -10,11 +10,11 @@ use link::lossy::Faults;
 use vehicle::Profile;
 
 struct Outcome {
-    /// Legs whose end was not confirmed in time.
+    /// The number of legs whose end was not confirmed in time.
     late: u32,
-    /// Largest distance of the true position from the way-point over confirmed legs, m.
+    /// The largest distance of the true position from the waypoint over confirmed legs, m.
     worst_m: f64,
-    /// Of what the client measured from the truth, m.
+    /// The largest distance of the measured position from the true one, m.
     mistaken_m: f64,
 }
 
@@ -89,7 +89,7 @@ fn a_thousand_flights_over_a_bad_link_all_end_well() {
     assert!(mistaken < 10.0, "{mistaken}");
 }
 
-/// Outcome over loss, as a table: what degrades, and that it degrades slowly.
+/// The outcome over the loss rate, as a table: the outcome degrades slowly.
 #[test]
 fn legs_are_confirmed_in_time_while_the_loss_is_bearable() {
     let mut table = Vec::new();

@@ -1,4 +1,4 @@
-//! Mission upload to each built-in vehicle, over good and bad links, in simulated time.
+//! Mission upload to each built-in vehicle, over good and impaired links, in simulated time.
 
 mod flight;
 
@@ -94,7 +94,7 @@ impl Transfer {
     }
 }
 
-/// When transfers begin: an ArduCopter has space for a mission by then.
+/// The time at which transfers begin: an ArduCopter has space for a mission by then.
 const BEGIN: Instant = Instant::from_micros(20_000_000);
 
 const HABITS: [Profile; 3] = [Profile::Multirotor, Profile::ArduCopter, Profile::Px4];
@@ -132,7 +132,7 @@ fn a_mission_is_uploaded_read_back_started_and_flown() {
     }
 }
 
-/// What the vehicle refuses, with the reason, before it is asked anything else.
+/// Returns the reason with which the vehicle refuses an item, before it is asked for anything else.
 fn refusal(profile: Profile, change: fn(&mut MISSION_ITEM_INT_DATA)) -> Option<MavMissionResult> {
     let waypoints = zigzag();
     let plan = MissionPlan {
@@ -175,7 +175,8 @@ fn refusal(profile: Profile, change: fn(&mut MISSION_ITEM_INT_DATA)) -> Option<M
     })
 }
 
-/// PX4 takes a command without a place in the frame MISSION and a place in any frame but that.
+/// PX4 accepts a command without a position only in the frame MISSION, and a position in any other
+/// frame.
 #[test]
 fn items_are_sent_in_the_frames_that_px4_takes() {
     for profile in HABITS {
@@ -208,7 +209,7 @@ fn items_are_sent_in_the_frames_that_px4_takes() {
     }
 }
 
-/// As an ArduCopter that has just booted: it is asked again until it has space.
+/// Like an ArduCopter that has just booted: the client asks again until it has space.
 #[test]
 fn an_autopilot_without_space_after_boot_is_waited_for() {
     let waypoints = zigzag();
@@ -223,7 +224,7 @@ fn an_autopilot_without_space_after_boot_is_waited_for() {
     assert!(transfer.now > Instant::from_micros(2_400_000));
 }
 
-/// PX4 rejects the start of a mission that it has just stored, half a second later it does not.
+/// PX4 rejects the start of a mission that it has just stored, and accepts it half a second later.
 #[test]
 fn a_mission_that_is_not_taken_yet_is_started_again() {
     let waypoints = zigzag();
@@ -276,7 +277,7 @@ fn a_cut_in_the_middle_never_leaves_half_a_mission() {
         let mut upload =
             MissionUpload::new(plan(profile, &waypoints), VEHICLE, OWN, false).unwrap();
         let faults = Faults {
-            // Each frame takes 30 ms: after half a second some eight items are there.
+            // Each frame takes 30 ms: after half a second about eight items are transferred.
             delay: Duration::from_millis(30),
             cut: Some((
                 BEGIN + Duration::from_millis(500),

@@ -1,4 +1,4 @@
-//! Whole missions in simulated time, through encoded bytes on both links.
+//! Whole missions in simulated time, with encoded bytes on both links.
 
 use environment::Allocation;
 use firmware_core::{
@@ -58,7 +58,7 @@ fn the_default_mission_arrives_fair_and_accurate_on_every_kind_vehicle() {
     }
 }
 
-/// Goes full speed one way for a while, then another; or hovers.
+/// A policy that flies at full speed in one direction for a while, then in another; or hovers.
 struct Wanderer {
     random: Pcg64Mcg,
     reach_m: f64,
@@ -80,9 +80,9 @@ impl Policy<f64, USERS_MAX> for Wanderer {
     }
 }
 
-/// Flies vehicles with inertia, slow and fast, that are sent about at random until the shield sends
-/// them home. Returns how many broke a constraint, and how many the shield had to act on: those
-/// that ended further than 0.25 of a slot's way from the destination.
+/// Flies vehicles with inertia, slow and fast, in random directions until the shield sends them to
+/// the destination. Returns how many violated a constraint, and how many the shield had to act on:
+/// those that ended further than 0.25 of a slot's way from the destination.
 fn sent_about(flights: u64, stalls: Pauses) -> (usize, usize) {
     const PROFILES: [Profile; 3] = [Profile::Multirotor, Profile::ArduCopter, Profile::Px4];
     let shipped = Scenario::shipped("separated").unwrap();
@@ -96,7 +96,8 @@ fn sent_about(flights: u64, stalls: Pauses) -> (usize, usize) {
             let mut place =
                 || Position::new(random.random_range(0.0..1e3), random.random_range(0.0..1e3));
             let (start, wished): (Position<f64>, Position<f64>) = (place(), place());
-            // Far, but not farther than a vehicle gets that has to gather speed first.
+            // The destination is far away, but within reach of a vehicle that has to accelerate
+            // first.
             let far_m = 0.6 * slots as f64 * max_speed_mps;
             let way = wished - start;
             let destination = start + way * (far_m / way.norm()).min(1.0);
@@ -160,7 +161,7 @@ fn sent_about(flights: u64, stalls: Pauses) -> (usize, usize) {
     (broken, acted)
 }
 
-/// All arrive without having broken a constraint.
+/// All vehicles arrive without having violated a constraint.
 #[test]
 fn a_vehicle_with_inertia_arrives_from_wherever_it_is_sent() {
     let (broken, acted) = sent_about(1000, Pauses::default());
@@ -169,9 +170,9 @@ fn a_vehicle_with_inertia_arrives_from_wherever_it_is_sent() {
 }
 
 /// The same on a busy computer: three to eight times in a flight the simulator's time stands still
-/// for 150 ms, as PX4's did beside builds, and setpoints run ahead of it until that is known. A few
-/// flights break a constraint by less than 1 %, or arrive short; a clock that notices a stall after
-/// three seconds breaks one in 274 of the 300.
+/// for 150 ms, as PX4's did while builds were running, and the setpoints are ahead of it until the
+/// client detects that. A few flights violate a constraint by less than 1 %, or end short of the
+/// destination; a clock that detects a stall after three seconds violates one in 274 of the 300.
 #[test]
 fn a_simulator_that_stalls_breaks_a_constraint_in_few_flights() {
     let stalls = Pauses {
@@ -182,9 +183,9 @@ fn a_simulator_that_stalls_breaks_a_constraint_in_few_flights() {
     assert!(broken <= 9, "{broken}");
 }
 
-/// What each freedom is worth, on one path: Alg. 1 nearly reaches the optimum, and a scheme that
-/// gives up a freedom never exceeds it. A slot that fixed sensor powers cannot make accurate is
-/// reported as infeasible and carries nothing.
+/// Compares the allocation methods on one path: Alg. 1 nearly reaches the optimum, and a scheme
+/// with a fixed quantity never exceeds it. A slot that fixed sensor powers cannot make accurate is
+/// reported as infeasible and has rate zero.
 #[test]
 fn every_allocation_flies_and_none_beats_the_exact_one() {
     let exact = flown(Profile::Ideal).summary();
@@ -230,8 +231,9 @@ fn fly_with_parameters_set(
     )
 }
 
-/// With parameters that clip set for the flight, the vehicles that behave like autopilots fly the
-/// mission at its pace, within 2 % of the ideal rate, and are left as they were.
+/// If the parameters that limit the mission are set for the flight, the vehicles that behave like
+/// autopilots fly the mission at its speed, within 2 % of the ideal rate, and their parameters are
+/// restored.
 #[test]
 fn parameters_are_set_for_the_flight_and_put_back() {
     let ideal = flown(Profile::Ideal).summary().sum_rate;
@@ -242,7 +244,7 @@ fn parameters_are_set_for_the_flight_and_put_back() {
         assert_eq!(summary.constraint_violations + summary.mse_violations, 0);
         assert!(summary.planned_vs_flown_median_m < 3.0, "{summary:#?}");
         assert!(summary.sum_rate > 0.98 * ideal, "{summary:#?}");
-        // What flying beside the waypoints cost is little, and is said.
+        // The loss from deviations from the waypoints is small, and is reported.
         assert!(
             summary.planned_vs_flown_rate.abs() < 0.02 * ideal,
             "{summary:#?}"
@@ -266,10 +268,10 @@ fn parameters_are_set_for_the_flight_and_put_back() {
     }
 }
 
-/// Ctrl-C at any moment: landed, and the parameters are as they were.
+/// Ctrl-C at any time: the vehicle lands, and the parameters are restored.
 #[test]
 fn parameters_are_put_back_after_ctrl_c() {
-    /// Stops when so many events have come.
+    /// Stops after this number of events.
     struct StopsAfter(usize);
     impl Observer for StopsAfter {
         fn event(&mut self, _: &FlightEvent) {
@@ -285,7 +287,7 @@ fn parameters_are_put_back_after_ctrl_c() {
         let record = failed.err().and_then(|failed| failed.record);
         let record = record.expect("it was stopped");
         let restored = texts(&record, " put back to ").len();
-        // A value that was being set when ctrl-C came is put back, too.
+        // A value that was being set when ctrl-C was pressed is restored, too.
         let set = texts(&record, " set from ").len();
         assert!(
             restored == set || restored == set + 1,

@@ -1,5 +1,5 @@
-//! `host-sim plan`, `run --policy plan`, `scenario random` and `benchmark`, as a person would start
-//! them.
+//! `host-sim plan`, `run --policy plan`, `scenario random` and `benchmark`, started as a user would
+//! start them.
 
 use std::{
     fs,
@@ -32,7 +32,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("a printable path")
 }
 
-/// A small random mission as a file.
+/// Writes a small random mission to a file.
 fn random_mission(folder: &Path, seed: u64) -> String {
     let seed = seed.to_string();
     succeeds(&["scenario", "random", "--seed", &seed, "--out", text(folder)]);
@@ -66,7 +66,7 @@ fn the_plan_is_flown_as_promised_and_close_to_the_search() {
         }
         number(&summary, "sum_rate")
     };
-    // In flight the plan may still be improved, never spoilt.
+    // The plan may still be improved in flight, and never gets worse.
     let flown = run("plan");
     assert!(
         flown >= number(&planned, "sum_rate") * (1.0 - 1e-6),
@@ -75,7 +75,7 @@ fn the_plan_is_flown_as_promised_and_close_to_the_search() {
     assert!(flown >= run("search") * 0.995, "{flown}");
 }
 
-/// Without a trained policy the planner flies, and better than the straight line.
+/// Without a trained policy the planner flies, and achieves more than the straight line.
 #[test]
 fn the_planner_is_the_default_of_a_map_of_ones_own() {
     let folder = tempdir().expect("a folder");
@@ -107,7 +107,7 @@ fn the_same_mission_gives_the_same_plan() {
     assert_eq!(plan(), plan());
 }
 
-/// Take-off, speed, the waypoints where the mission has them, landing.
+/// The file contains take-off, speed, the waypoints of the mission at their positions, and landing.
 #[test]
 fn the_plan_file_is_what_qgroundcontrol_reads() {
     let folder = tempdir().expect("a folder");
@@ -160,7 +160,7 @@ fn nonsense_is_refused_in_one_line() {
     }
 }
 
-/// Two missions, certified and flown; a second call repeats no flight.
+/// Two missions are certified and flown; a second call repeats no flight.
 #[test]
 fn the_benchmark_compares_policies_with_bounds_and_resumes() {
     let folder = tempdir().expect("a folder");

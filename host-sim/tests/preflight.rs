@@ -1,5 +1,5 @@
-//! What is settled before a flight: who we are on the wire, what the autopilot refuses, which
-//! profile it is, and what refuses a start.
+//! Decisions before a flight: the client's own address, the requests that the autopilot refuses,
+//! the profile, and the reasons to refuse a start.
 
 mod flight;
 
@@ -20,7 +20,7 @@ use mavlink::dialects::common::{MavCmd, MavMessage};
 use scenario::Scenario;
 use vehicle::{FlightMode, Profile, Vehicle, VehicleSettings};
 
-/// An older PX4 has no CURRENT_MODE: it is asked once, and the log says for what.
+/// An older PX4 has no CURRENT_MODE: it is asked once, and the log contains the refused request.
 #[test]
 fn a_refused_message_interval_is_asked_for_once() {
     let flight = ready(Profile::Px4, |_, vehicle| {
@@ -49,7 +49,7 @@ fn a_refused_message_interval_is_asked_for_once() {
     assert_eq!(said, 1, "{:#?}", flight.log);
 }
 
-/// MAVLink's convention for a computer on board: the vehicle's system id.
+/// MAVLink's convention for an onboard computer: it uses the vehicle's system id.
 #[test]
 fn the_client_speaks_under_the_vehicles_system_id() {
     let flight = ready(Profile::ArduCopter, |_, vehicle| vehicle.system = 7);
@@ -64,7 +64,7 @@ fn the_client_speaks_under_the_vehicles_system_id() {
     assert_eq!(flight.client.own(), own(200, 25));
 }
 
-/// ArduCopter's ground-control failsafe counts the heartbeats of SYSID_MYGCS alone: as an onboard
+/// ArduCopter's ground-control failsafe counts the heartbeats of SYSID_MYGCS only: as an onboard
 /// computer we neither start it nor keep it from acting; as system 255 we do.
 #[test]
 fn the_ground_control_failsafe_counts_one_system_id() {
@@ -75,7 +75,7 @@ fn the_ground_control_failsafe_counts_one_system_id() {
         });
         flight.run_for(Duration::from_secs(10));
         assert_eq!(flight.vehicle.mode(), FlightMode::Guided);
-        // Our process dies.
+        // Our process ends.
         let end = flight.now + Duration::from_secs(10);
         while flight.now < end {
             flight.now += flight::TICK;
@@ -85,7 +85,7 @@ fn the_ground_control_failsafe_counts_one_system_id() {
     }
 }
 
-/// A client that is told to launch and a vehicle that was changed, until the start was refused.
+/// Runs a client that is told to launch and a modified vehicle until the start is refused.
 fn refused(
     profile: Profile,
     change: impl FnOnce(&mut AutopilotSettings<f64>, &mut Vehicle, &mut VehicleSettings),
@@ -220,7 +220,7 @@ fn a_vehicle_outside_the_area_flies_to_the_start() {
     assert_eq!(flight.client.fault(), None);
 }
 
-/// Without a given profile the heartbeat decides; one that is for another autopilot is refused.
+/// Without a specified profile the heartbeat decides; a profile for another autopilot is refused.
 #[test]
 fn the_heartbeat_names_the_profile() {
     let scenario = Scenario::shipped("separated").unwrap();
@@ -257,7 +257,7 @@ fn flight_settings(profile: Profile) -> FlightSettings {
     }
 }
 
-/// A whole flight ends at once and names the true cause.
+/// A whole flight ends at once and reports the true cause.
 #[test]
 fn a_mission_that_cannot_arrive_is_refused_before_take_off() {
     let scenario = Scenario::shipped("separated").unwrap();
@@ -285,7 +285,7 @@ fn a_mission_that_cannot_arrive_is_refused_before_take_off() {
     );
 }
 
-/// The doctor says how the mission would end.
+/// The doctor predicts how the mission would end.
 #[test]
 fn the_outcome_is_predicted_from_the_parameters() {
     let scenario = Scenario::shipped("separated").unwrap();
@@ -308,7 +308,7 @@ fn the_outcome_is_predicted_from_the_parameters() {
         slow.to_string().ends_with("the mission would not start"),
         "{slow}"
     );
-    // Enough for the way, not for its accelerations.
+    // The speed is sufficient for the distance, but not for the accelerations.
     let sluggish = predict(&[
         ("WPNAV_SPEED", 2250.0),
         ("WPNAV_ACCEL", 50.0),

@@ -1,10 +1,10 @@
-//! Recordings of real flights, replayed into the client: what ArduCopter 4.6.2 and PX4 1.17 alpha
-//! (both in simulation) sent, at the times at which it came.
+//! Recordings of real flights, replayed into the client: the messages that ArduCopter 4.6.2 and PX4
+//! 1.17 alpha (both in simulation) sent, at the times at which they were received.
 //!
 //! Telemetry is replayed by time. Requests are answered as the recorded autopilot answered them,
-//! whenever the client asks, so that a replay does not depend on when the recorded client asked;
-//! what the recording has no answer for stays without one. The excerpts and `facts.md` beside
-//! them are made by `data/flights/excerpt.py`.
+//! whenever the client asks, so that a replay does not depend on when the recorded client asked; a
+//! request that the recording has no answer for is not answered. The excerpts and the `facts.md`
+//! next to them are made by `data/flights/excerpt.py`.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -22,11 +22,11 @@ use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const TICK: Duration = Duration::from_millis(10);
 const SLOT: Duration = Duration::from_secs(1);
-/// From a request to its answer.
+/// The time from a request to its answer.
 const ANSWER: Duration = Duration::from_millis(6);
-/// GPS_GLOBAL_ORIGIN's message id.
+/// The message id of GPS_GLOBAL_ORIGIN.
 const ORIGIN: u32 = 49;
-/// Before the recorded request for the control mode, the client is told to launch.
+/// The client is told to launch this long before the recorded request for the control mode.
 const LAUNCH_LEAD: Duration = Duration::from_millis(1100);
 
 /// One message of a recording.
@@ -43,7 +43,7 @@ fn path(name: &str) -> String {
     )
 }
 
-/// The records of an excerpt; time counts from its first.
+/// Returns the records of an excerpt; time counts from the first one.
 fn records(name: &str) -> Vec<Record> {
     let bytes = std::fs::read(path(name)).unwrap();
     let mut decoder = Decoder::new();
@@ -68,7 +68,7 @@ fn records(name: &str) -> Vec<Record> {
     records
 }
 
-/// What the autopilot answered: results by command and first parameter, and parameters by name.
+/// The answers of the autopilot: results by command and first parameter, and parameters by name.
 #[derive(Default)]
 struct Answers {
     results: BTreeMap<(u32, u32), MavResult>,
@@ -76,7 +76,7 @@ struct Answers {
     origin: Option<GPS_GLOBAL_ORIGIN_DATA>,
 }
 
-/// Commands of which the first parameter says what is asked for.
+/// Returns the key of a command; for some commands the first parameter is part of it.
 fn key(command: &COMMAND_LONG_DATA) -> (u32, u32) {
     let specific = matches!(
         command.command,
@@ -98,7 +98,7 @@ impl Answers {
                         answers.results.entry(key).or_insert(ack.result);
                     }
                 }
-                // The first one: later ones are what the recorded client had set.
+                // The first value counts: later ones were set by the recorded client.
                 MavMessage::PARAM_VALUE(value) => {
                     let name = value.param_id.to_str().unwrap().to_owned();
                     answers
@@ -134,7 +134,7 @@ impl Answers {
             MavMessage::PARAM_REQUEST_READ(request) => {
                 let name = request.param_id.to_str().unwrap();
                 let recorded = self.parameters.get(name).cloned();
-                // What the recorded client did not read yet has its default.
+                // A parameter that the recorded client did not read yet has its default.
                 let default = || {
                     let values = [Profile::ArduCopter, Profile::Px4].map(|p| p.parameter(name));
                     let value = values.into_iter().flatten().next()?;
@@ -160,15 +160,15 @@ impl Answers {
     }
 }
 
-/// A sample as the client had it, and when its message came.
+/// A sample as the client received it, and the time at which its message was received.
 struct Seen {
     came: Instant,
     sample: Sample<f64>,
-    /// The vehicle's clock when it came, as the client had it.
+    /// The vehicle's clock at that time, as estimated by the client.
     vehicle_now: Instant,
 }
 
-/// The client with a recording in front of it.
+/// A client that receives a recording.
 struct Replay {
     records: VecDeque<Record>,
     answers: Answers,
@@ -178,7 +178,7 @@ struct Replay {
     now: Instant,
     launch_at: Option<Instant>,
     land_at: Option<Instant>,
-    /// Where the recorded vehicle was: the legs lead there.
+    /// The path of the recorded vehicle, to which the legs lead.
     path: Vec<(Instant, Position<f64>)>,
     slot_end: Instant,
     missed_m: Vec<f64>,
@@ -196,14 +196,14 @@ impl Replay {
         let (ours, mut records): (Vec<Record>, Vec<Record>) = all
             .into_iter()
             .partition(|record| record.from.component == 191);
-        // The flight that never started never asked for the origin; the same simulator, started
-        // at the same place, gave this one.
+        // The flight that never started never asked for the origin; the same simulator, started at
+        // the same position, returned this one.
         if answers.origin.is_none() {
             answers.origin = Answers::of(&self::records("px4-sac")).origin;
             let key = (MavCmd::MAV_CMD_REQUEST_MESSAGE as u32, ORIGIN);
             answers.results.insert(key, MavResult::MAV_RESULT_ACCEPTED);
         }
-        // Answers are given to requests, not by time.
+        // Answers are sent on request, not by time.
         records.retain(|record| {
             !matches!(
                 record.message,
@@ -259,7 +259,8 @@ impl Replay {
         }
     }
 
-    /// Where the recorded vehicle was at that time of its clock: between two samples on a line.
+    /// Returns the position of the recorded vehicle at that time of its clock, interpolated
+    /// linearly between two samples.
     fn recorded_place(&self, at: Instant) -> Option<Position<f64>> {
         let i = self.path.partition_point(|(time, _)| *time < at).max(1);
         let ((begin, from), (end, to)) = (self.path[i - 1], *self.path.get(i)?);
@@ -310,7 +311,7 @@ impl Replay {
         }
     }
 
-    /// One leg after the other, each to where the recorded vehicle was at its end.
+    /// Flies one leg after the other, each to the recorded vehicle's position at its end.
     fn fly(&mut self) {
         if self.client.phase() == Phase::LegEnded
             && let Some(ended) = self.client.leg_ended(self.now)
@@ -357,7 +358,7 @@ impl Replay {
     }
 
     fn reached(&self, wanted: Phase) -> Option<Instant> {
-        // A phase that is over at once shows in the events only, a leg in the phases only.
+        // A phase that ends at once is visible only in the events, a leg only in the phases.
         let said = |(at, event): &(Instant, Event)| match event {
             Event::Phase(phase) if *phase == wanted => Some(*at),
             _ => None,
@@ -391,7 +392,7 @@ fn seconds(at: Instant) -> f64 {
     at.as_micros() as f64 * 1e-6
 }
 
-/// PX4 stands at rest with ESTIMATOR_CONST_POS_MODE set for as long as it is recorded.
+/// PX4 stands still with ESTIMATOR_CONST_POS_MODE set for the whole recording.
 #[test]
 fn an_unmodified_px4_is_ready_to_start() {
     let replay = Replay::new("px4-unmodified-never-starts").run();
@@ -403,12 +404,13 @@ fn an_unmodified_px4_is_ready_to_start() {
     assert_eq!(replay.client.fault(), None);
 }
 
-/// The mode changed at `at_s` of the recording: control is released at once and for good.
+/// The mode changes at `at_s` of the recording: the client gives up control at once and
+/// permanently.
 #[track_caller]
 fn taken_over(name: &str, mode: &str, at_s: f64, said: &[&str]) {
     let replay = Replay::new(name).run();
     let log = replay.log();
-    // It flew before.
+    // The vehicle was flying before.
     assert!(replay.reached(Phase::Leg).is_some(), "{log}");
     let taken = replay.events.iter().find_map(|(at, event)| match event {
         Event::Failsafe {
@@ -425,7 +427,7 @@ fn taken_over(name: &str, mode: &str, at_s: f64, said: &[&str]) {
     for words in said {
         assert!(log.contains(words), "{words}: {log}");
     }
-    // To the end of the recording, whatever mode comes back.
+    // Until the end of the recording, whatever mode is set later.
     assert_eq!(replay.setpoints_after(taken), 0);
     assert_eq!(replay.client.phase(), Phase::Released);
     let fault = replay.client.fault();
@@ -450,9 +452,9 @@ fn a_pilot_takes_control_and_it_is_never_taken_back() {
     taken_over("arducopter-pilot-takes-over", "LOITER", 102.8, &said);
 }
 
-/// The recording's clock: seconds of the vehicle's time per second of ours, and for each of the
-/// (received, stamped) times, s, when the message would have come with the delay of the fastest
-/// one of the five seconds around it.
+/// Returns the rate of the recording's clock, in seconds of the vehicle's time per second of ours,
+/// and for each of the (received, stamped) times, s, the time at which the message would have been
+/// received with the smallest delay of the five seconds around it.
 fn true_times(points: &[(f64, f64)]) -> (f64, Vec<f64>) {
     let n = points.len() as f64;
     let mean = |f: &dyn Fn(&(f64, f64)) -> f64| points.iter().map(f).sum::<f64>() / n;
@@ -469,8 +471,9 @@ fn true_times(points: &[(f64, f64)]) -> (f64, Vec<f64>) {
     (rate, points.iter().enumerate().map(time).collect())
 }
 
-/// The error of each sample's time, ms, against the fastest sample of the five seconds around it
-/// and the recording's own clock rate: more than 0 where the client takes it for later than it was.
+/// Returns the error of each sample's time, ms, relative to the fastest sample of the five seconds
+/// around it and the recording's own clock rate; positive if the client takes it for later than it
+/// was.
 fn time_errors_ms(seen: &[Seen]) -> Vec<f64> {
     let points: Vec<(f64, f64)> = seen
         .iter()
@@ -501,7 +504,7 @@ fn flown(name: &str, legs: usize, worst_ms: f64) {
         replay.missed_m.len(),
         replay.late
     );
-    // A late leg is one at whose end the client did not know where the vehicle was.
+    // A leg is late if the client did not know the position of the vehicle at its end.
     assert!(replay.late <= legs / 10, "{} late:\n{log}", replay.late);
     assert!(missed_m < 4.0, "{missed_m} m");
     for pair in replay.seen.windows(2) {
@@ -509,7 +512,7 @@ fn flown(name: &str, legs: usize, worst_ms: f64) {
         assert!(b.time >= a.time, "time goes backwards: {a:?}, {b:?}");
     }
     let mut errors_ms = time_errors_ms(&replay.seen);
-    // The estimate may take some seconds to settle, and the simulator stood still twice.
+    // The estimate may take some seconds to settle, and the simulator stalled twice.
     errors_ms.drain(..200);
     errors_ms.iter_mut().for_each(|error| *error = error.abs());
     errors_ms.sort_by(f64::total_cmp);
@@ -526,7 +529,7 @@ fn the_arducopter_flight_is_followed() {
 
 #[test]
 fn the_arducopter_flight_of_a_stock_airframe_is_followed() {
-    // The simulator itself stood still for half a second.
+    // The simulator stalled for half a second.
     flown("arducopter-sac-stock-frame", 50, 60.0);
 }
 
@@ -541,8 +544,8 @@ fn the_px4_flight_of_a_stock_airframe_is_followed() {
     flown("px4-sac-stock-frame", 50, 40.0);
 }
 
-/// A built-in vehicle that hovers at 100 m in the mode that follows setpoints, under a hand that
-/// sends raw messages.
+/// A built-in vehicle that hovers at 100 m in the mode that follows setpoints and receives raw
+/// messages.
 struct StandIn {
     vehicle: Vehicle,
     encoder: Encoder,
@@ -636,8 +639,8 @@ impl StandIn {
     }
 }
 
-/// The recorded setpoints, at the times at which they were sent, into the built-in vehicle: where
-/// it is against where the real one was, m (root of the mean square, and at most).
+/// Sends the recorded setpoints to the built-in vehicle at the recorded times. Returns the distance
+/// between its position and that of the real one, m (root mean square, and maximum).
 fn distance_m(profile: Profile, name: &str) -> (f64, f64) {
     let records = records(name);
     let mut setpoints = Vec::new();
@@ -659,7 +662,7 @@ fn distance_m(profile: Profile, name: &str) -> (f64, f64) {
     }
     let points: Vec<(f64, f64)> = samples.iter().map(|s| (s.0, s.1)).collect();
     let (rate, times) = true_times(&points);
-    // From the first setpoint that moves, above, to the last.
+    // From the first setpoint in the air that moves the vehicle to the last one.
     let moves = |(_, s): &&(f64, &SET_POSITION_TARGET_LOCAL_NED_DATA)| {
         s.vx.hypot(s.vy) > 0.0 && s.z < -98.0
     };
@@ -682,7 +685,7 @@ fn distance_m(profile: Profile, name: &str) -> (f64, f64) {
         }
         stand_in.now = Instant::from_micros(((zero + at) * 1e6) as u64);
         stand_in.vehicle.step(stand_in.now);
-        // The body moves in steps of 10 ms of its own time.
+        // The vehicle moves in steps of 10 ms of its own time.
         let rest = (zero + at) * rate % 0.01;
         let place = stand_in.vehicle.true_position() + stand_in.vehicle.velocity() * rest;
         let off = place - Position::new(f64::from(sample.y), f64::from(sample.x));

@@ -1,4 +1,4 @@
-//! `solve` against reference rates from an independent conic solver, and against lines that are
+//! Compares `solve` with reference rates from an independent conic solver, and tests lines that are
 //! not slot problems.
 
 use std::{
@@ -11,7 +11,7 @@ use firmware_core::{PowerGain, Watt, aircomp};
 use reference::solve::{Answer, Method, Precision, Problem, run};
 use serde::Deserialize;
 
-/// What is known of a reference slot.
+/// The known solution of a reference slot.
 #[derive(Deserialize)]
 struct Known {
     feasible: bool,
@@ -30,7 +30,7 @@ fn answers(method: Method, precision: Precision, lines: &str) -> Vec<Answer> {
     parsed.collect::<Result<_, _>>().expect("answers")
 }
 
-/// MSE and rate of an answer by the printed formulas, in double precision.
+/// Returns the MSE and the rate of an answer by the printed formulas, in double precision.
 fn recomputed(problem: &Problem, answer: &Answer) -> (f64, f64) {
     let gains: Vec<_> = problem.sensor_gain.iter().copied().map(PowerGain).collect();
     let slot = aircomp::Slot {
@@ -43,8 +43,8 @@ fn recomputed(problem: &Problem, answer: &Answer) -> (f64, f64) {
     (slot.mse(answer.eta), slot.rate())
 }
 
-/// The product's promise on reference slots. What a single-precision answer says of its own MSE
-/// is rounded; what it does, recomputed in double precision, keeps the threshold.
+/// Checks the product's guarantees on reference slots. The MSE that a single-precision answer
+/// contains is rounded; recomputed in double precision, the answer meets the threshold.
 fn check_reference(lines: &str) {
     for (precision, rate_tolerance, mse_rounding) in
         [(Precision::F64, 1e-6, 1e-12), (Precision::F32, 2e-4, 4e-6)]
@@ -101,8 +101,8 @@ fn own_reference_slots() {
     check_reference(include_str!("data/slots.jsonl"));
 }
 
-/// Every method on the same input: the optimum by Clarabel is that of the closed form, Alg. 1
-/// stays below it by what its stop rule leaves.
+/// Applies every method to the same input: the optimum of Clarabel equals that of the closed form,
+/// and Alg. 1 is below it by no more than its stopping rule allows.
 #[test]
 fn every_method_answers_the_reference_slots() {
     let lines = include_str!("data/slots.jsonl");
@@ -124,8 +124,8 @@ fn every_method_answers_the_reference_slots() {
     assert!(run(Method::Conic, Precision::F32, &b""[..], Vec::new()).is_err());
 }
 
-/// What no method can decide by itself: no sensor heard, one that dominates, one alone, a user
-/// that is not heard, nobody served.
+/// The degenerate cases: no sensor received, one that dominates, a single one, a user that is not
+/// received, no user served.
 #[test]
 fn every_method_answers_the_corners() {
     let slot = |sensors: &str, user: &str, threshold: f64| {
@@ -171,7 +171,7 @@ fn every_method_answers_the_corners() {
     }
 }
 
-/// The whole reference lies beside the repository, or where `SLOT_REFERENCE` says.
+/// The whole reference is in a directory next to the repository, or in that of `SLOT_REFERENCE`.
 #[test]
 fn whole_reference_where_present() {
     let beside =
@@ -180,7 +180,7 @@ fn whole_reference_where_present() {
     let path = named.clone().unwrap_or(beside);
     match fs::read_to_string(&path) {
         Ok(lines) => check_reference(&lines),
-        // Past the test harness, which would swallow it.
+        // Written past the test harness, which would hide it.
         Err(error) if named.is_none() => {
             let _ = writeln!(
                 io::stderr(),
@@ -192,7 +192,8 @@ fn whole_reference_where_present() {
     }
 }
 
-/// One line out per line in; the message names the field, what it holds and what would be right.
+/// Each input line has one output line; the message contains the name of the field, its value and
+/// the valid values.
 #[test]
 fn bad_lines_are_answered_and_the_rest_go_on() {
     let good = r#"{"sensor_gain":[1e-11,2e-11],"user_gain":1e-11,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.3}"#;
@@ -336,7 +337,7 @@ fn bad_lines_are_answered_and_the_rest_go_on() {
             for part in *expected {
                 assert!(error.contains(part), "{name}: {error}");
             }
-            // A text of one line has no line of its own.
+            // A text of one line has no line number.
             assert!(!error.contains("at line"), "{name}: {error}");
             assert!(error.starts_with("line 2"), "{name}: {error}");
         }
@@ -359,7 +360,7 @@ fn bytes_that_are_no_text_cost_one_line() {
     assert!(output.contains("not UTF-8"), "{output}");
 }
 
-/// What some editors put in front of a file is no part of the first line.
+/// The byte order mark that some editors write is not part of the first line.
 #[test]
 fn a_byte_order_mark_is_no_error() {
     let line = r#"{"sensor_gain":[1e-11],"user_gain":null,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.9}"#;
@@ -368,7 +369,8 @@ fn a_byte_order_mark_is_no_error() {
     assert_eq!(answer(&marked), answer(line));
 }
 
-/// A value that single precision cannot hold is named as such, and solved in double.
+/// A value that single precision cannot represent is reported as such, and solved in double
+/// precision.
 #[test]
 fn single_precision_names_what_it_cannot_hold() {
     let line = r#"{"sensor_gain":[1e-11,1e40],"user_gain":1e-11,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.3}"#;
@@ -381,7 +383,7 @@ fn single_precision_names_what_it_cannot_hold() {
     assert!(double[0].feasible);
 }
 
-/// More sensors than fly on board, and nobody served.
+/// More sensors than the onboard limit, and no user served.
 #[test]
 fn the_host_has_no_capacity_limit() {
     let problem = Problem {

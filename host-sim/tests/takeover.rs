@@ -1,4 +1,4 @@
-//! Parameters that were set for a flight are put back, also if somebody else ends the flight.
+//! Parameters that were set for a flight are restored, even if someone else ends the flight.
 
 use std::{
     path::Path,
@@ -20,10 +20,10 @@ use link::Link;
 use scenario::Scenario;
 use vehicle::{FlightMode, Profile, Vehicle};
 
-/// So many seconds of flight in a second.
+/// The number of seconds of flight per second.
 const SPEED: f64 = 20.0;
 
-/// A vehicle in time of its own, and a link to it that can be cut.
+/// A vehicle with a clock of its own, and a link to it that can be cut.
 #[derive(Debug)]
 struct Aloft {
     begin: std::time::Instant,
@@ -101,7 +101,7 @@ impl Link for Shared {
     }
 }
 
-/// What happens in slot 3, and after it.
+/// The actions in slot 3 and after it.
 struct Person<'a> {
     vehicle: &'a Shared,
     in_slot_3: fn(&Shared),
@@ -165,7 +165,7 @@ fn count(said: &[String], part: &str) -> usize {
     said.iter().filter(|words| words.contains(part)).count()
 }
 
-/// The pilot flies on for as long as he likes: nothing is changed until the motors stand still.
+/// The pilot flies on for any time: no parameter is changed until the motors have stopped.
 #[test]
 fn after_a_takeover_parameters_wait_for_the_pilot_to_land() {
     let scenario = Scenario::shipped("separated").unwrap();
@@ -177,7 +177,7 @@ fn after_a_takeover_parameters_wait_for_the_pilot_to_land() {
         |vehicle| {
             vehicle.pilot_sets(FlightMode::Loiter);
         },
-        // From 100 m a landing takes longer than the 30 s after which a client once gave up.
+        // From 100 m a landing takes longer than the 30 s after which an earlier client gave up.
         |vehicle| vehicle.pilot_sets(FlightMode::Land),
     );
     let failed = flown.unwrap_err();
@@ -193,7 +193,8 @@ fn after_a_takeover_parameters_wait_for_the_pilot_to_land() {
     );
 }
 
-/// The link is dead for good: the run ends soon, and the next one puts back what it left changed.
+/// The link is permanently dead: the run ends soon, and the next run restores the parameters that
+/// this one left changed.
 #[test]
 fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
     let scenario = Scenario::shipped("separated").unwrap();
@@ -208,7 +209,7 @@ fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
     assert_eq!(count(&said, " was NOT put back"), 4, "{said:#?}");
     assert!(folder.path().join(FILE_NAME).exists());
 
-    // The vehicle has been fetched, and kept what was set; its link is mended.
+    // The vehicle was retrieved and kept its parameters; its link works again.
     {
         let mut aloft = vehicle.0.lock().unwrap();
         let mut fetched = vehicle_settings(&scenario, Profile::ArduCopter);
@@ -226,7 +227,7 @@ fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
     let (second, said, _) = flown(&vehicle, folder.path(), |_| {}, |_| {});
     assert!(second.is_ok(), "{said:#?}");
     assert_eq!(count(&said, "which an earlier run left changed"), 1);
-    // Put back, set for the flight, and put back after it.
+    // The parameters were restored, set for the flight, and restored after it.
     assert_eq!(count(&said, " put back to "), 8, "{said:#?}");
     assert_eq!(count(&said, " set from "), 4, "{said:#?}");
     assert!(!folder.path().join(FILE_NAME).exists());

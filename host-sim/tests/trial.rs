@@ -1,4 +1,4 @@
-//! The trial leg before the first slot: what speed does the airframe reach?
+//! The trial leg before the first slot, which measures the speed that the airframe reaches.
 
 mod flight;
 
@@ -9,8 +9,8 @@ use firmware_core::time::Duration;
 use flight::{Flight, settings, start, vehicle};
 use vehicle::{Airframe, Profile};
 
-/// A client that may set parameters, for a mission that needs this speed, and an airframe: flown
-/// until the first slot may begin, or to the end.
+/// Flies an airframe with a client that may set parameters, for a mission that needs this speed,
+/// until the first slot may begin or to the end.
 fn tried(profile: Profile, airframe: Airframe, needed_mps: f64) -> Flight {
     let (mut settings, mut vehicle) = (settings(profile), vehicle(profile));
     settings.set_parameters = true;
@@ -55,7 +55,7 @@ fn an_airframe_that_is_too_slow_is_landed_where_it_took_off() {
     }
 }
 
-/// What the trial leg shows is planned with from then on.
+/// The result of the trial leg is used for planning from then on.
 #[test]
 fn an_airframe_that_is_fast_enough_flies_as_fast_as_it_can() {
     let slow = tried(Profile::ArduCopter, Airframe::Stock, 12.0);
@@ -74,7 +74,7 @@ fn an_airframe_that_is_fast_enough_flies_as_fast_as_it_can() {
     }
 }
 
-/// What is known needs no trial: before take-off it is clear that the mission would not arrive.
+/// A known airframe needs no trial: it is clear before take-off that the mission would not arrive.
 #[test]
 fn a_known_airframe_is_refused_on_the_ground() {
     let profile = Profile::ArduCopter;
@@ -98,7 +98,7 @@ fn a_known_airframe_is_refused_on_the_ground() {
     assert!(!flight.vehicle.armed() && !has_tried(&flight));
 }
 
-/// Parameters as they were found are taken at their word.
+/// No trial is made if the parameters that were read are sufficient.
 #[test]
 fn nothing_is_tried_where_the_parameters_as_found_are_enough() {
     for (profile, needed_mps) in [(Profile::ArduCopter, 9.0), (Profile::Px4, 4.5)] {

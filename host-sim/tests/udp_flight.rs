@@ -15,14 +15,14 @@ use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const SPEED: f64 = 5.0;
 
-/// A sample of the slot's end is waited for for 250 ms of the vehicle's time, and one comes every
-/// 50 ms: these are 50 ms and 10 ms of the wall's. Both ends run on this machine, so a leg is late
-/// only where it held one of them up; a silence of two samples shows that.
+/// The client waits up to 250 ms of the vehicle's time for a sample of the slot's end, and receives
+/// one every 50 ms: these are 50 ms and 10 ms of real time. Both ends run on this machine, so a leg
+/// is late only if the machine delayed one of them; a gap of two samples shows that.
 const STALL: Duration = Duration::from_millis(20);
 
 struct RealTime {
     begin: std::time::Instant,
-    /// When something last came, and the longest silence since the leg began.
+    /// The time of the last received message, and the longest gap since the leg began.
     heard: std::time::Instant,
     silence: Duration,
     client: Autopilot<f64>,
@@ -110,7 +110,7 @@ fn over_udp_the_ideal_vehicle_is_at_every_waypoint_at_the_slots_end() {
     for (n, waypoint) in zigzag().into_iter().enumerate() {
         let end = begin + SLOT * (n as u32 + 1);
         let ended = flight.fly_leg(Leg { waypoint, end });
-        // Every leg is confirmed in time at its waypoint, unless the machine stood still.
+        // Every leg is confirmed in time at its waypoint, unless the machine stalled.
         let silence = flight.silence.max(flight.heard.elapsed());
         assert!(
             !ended.tick.extrapolated || silence >= STALL,

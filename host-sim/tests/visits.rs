@@ -1,4 +1,4 @@
-//! Doctor and upload against the vehicle process, over real UDP, faster than real time.
+//! The doctor and the upload with the vehicle process, over real UDP, faster than real time.
 
 mod flight;
 
@@ -103,7 +103,7 @@ fn the_doctor_says_what_stops_and_what_slows_a_mission() {
     assert!(text.ends_with("a mission would fly"), "{text}");
 }
 
-/// Parameters stay set for a mission that is flown later, and what they were is said.
+/// The parameters stay set for a mission that is flown later, and their former values are reported.
 #[test]
 fn an_upload_sets_parameters_and_says_what_they_were() {
     let mut settings = flight::vehicle(Profile::ArduCopter);
@@ -145,8 +145,8 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
     assert!(diagnosis.slows.is_empty(), "{diagnosis}");
 }
 
-/// Followed to its end, and parameters are as they were; one that is broken off by a pilot who lands
-/// says where.
+/// The mission is followed to its end, and the parameters are restored; if a pilot lands and
+/// thereby ends it, the error contains the item that was reached.
 #[test]
 fn an_uploaded_mission_is_followed_to_its_end() {
     for profile in [Profile::ArduCopter, Profile::Px4] {
@@ -229,7 +229,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         settings.ready_after = Duration::from_secs(2);
         let process = Process::start(settings);
         let (mut session, client) = process.visit(profile, None);
-        // A mission with slots would be refused: an uploaded one takes the time that it takes.
+        // A mission with slots would be refused; an uploaded one may take longer.
         let mut settings = *client.settings();
         settings.preflight.needed_speed_mps = Some(20.0);
         let mut client = Autopilot::new(settings).unwrap();
@@ -256,13 +256,13 @@ fn a_mission_is_uploaded_and_started_over_udp() {
             waypoints.len() + if profile == Profile::Px4 { 3 } else { 4 }
         );
         assert_eq!(last, items);
-        // The start is confirmed before the heartbeat that says armed.
+        // The start is confirmed before the heartbeat that reports the vehicle as armed.
         let deadline = std::time::Instant::now() + std::time::Duration::from_secs(20);
         while !client.is_armed() && std::time::Instant::now() < deadline {
             session.turn(&mut client, |_, _, _| {}).unwrap();
         }
         assert!(client.is_armed(), "{profile:?} did not start the mission");
-        // Ctrl-C before it begins: nothing is left half done.
+        // Ctrl-C before the upload begins: nothing is left in an intermediate state.
         let stop = AtomicBool::new(true);
         let (mut session, mut client) = process.visit(profile, None);
         let failed = upload

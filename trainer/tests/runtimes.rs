@@ -127,13 +127,22 @@ fn unsound_files_are_refused_with_a_reason() {
     assert_eq!(
         tract,
         OnnxError::Missing {
-            key: "test_observation"
+            keys: "test_observation".into()
         }
     );
     assert!(
         ours.contains("metadata_props has no test_observation"),
         "{ours}"
     );
+
+    // All missing keys come in one message.
+    let key = b"scenario_digest";
+    let at = other.windows(key.len()).position(|w| w == key);
+    other[at.expect("is there")] = b'x';
+    let (tract, ours) = refuse(&other);
+    let words = "metadata_props has no scenario_digest, test_observation";
+    assert!(tract.to_string().contains(words), "{tract}");
+    assert!(ours.contains(words), "{ours}");
 
     // Another input name.
     let mut other = bytes.clone();

@@ -1,5 +1,5 @@
-//! What the image costs, measured in QEMU and read from its ELF: a table in docs/target.md, and a
-//! gate against growth.
+//! The cost of the image, measured in QEMU and read from its ELF file: a table in docs/target.md,
+//! and a check against growth.
 
 use std::{
     collections::BTreeMap,
@@ -21,9 +21,10 @@ use crate::{
     tools::Compiler,
 };
 
-/// How much a figure may grow over the baseline.
+/// The fraction by which a figure may grow over the baseline.
 const GROWTH: f64 = 0.03;
-/// The same where the baseline was measured with another compiler, which shifts figures by itself.
+/// The same if the baseline was measured with another compiler, which by itself changes the
+/// figures.
 const GROWTH_BETWEEN_COMPILERS: f64 = 0.1;
 
 const BEGIN: &str = "<!-- cargo xtask firmware bench: begin -->";
@@ -45,12 +46,12 @@ struct Figure {
     name: &'static str,
     unit: &'static str,
     value: u64,
-    /// Over all slots, where there are some.
+    /// The mean over all slots, if there are any.
     mean: Option<u64>,
     aim: Option<u64>,
 }
 
-/// Parts of a slot as the bench names them, what they are, and what they should cost at most.
+/// The parts of a slot as the bench names them, their descriptions, and their largest allowed cost.
 const PARTS: [(&str, &str, Option<u64>); 9] = [
     ("link decode", "ground link: a channel state decoded", None),
     ("allocate", "allocate, exact, J = 36", Some(12_000)),
@@ -79,7 +80,7 @@ const PARTS: [(&str, &str, Option<u64>); 9] = [
     ),
 ];
 
-/// Measures, writes the table, compares.
+/// Measures the image, writes the table, and compares it with the baseline.
 pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let mut figures = instructions(root, &images)?;
@@ -95,7 +96,7 @@ pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
     compare(&baseline, &figures, &compiler)
 }
 
-/// The bench image's lines.
+/// Returns the figures that the bench image prints.
 fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
     let output = qemu::run_to_end(root, &images.bench)?;
     let said = String::from_utf8(output.stdout)?;
@@ -136,7 +137,7 @@ fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
         .collect()
 }
 
-/// Flash from the ELF; stack from a flight.
+/// Returns the flash usage from the ELF file and the stack usage from a flight.
 fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec<Figure>> {
     let sizes = Sizes::read(&images.controller)?;
     let weights = fs::metadata(&images.policy)?.len();
@@ -162,7 +163,7 @@ fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec
     ])
 }
 
-/// The most stack that a whole mission needs, from take-off to landing.
+/// Returns the largest stack usage of a whole mission, from take-off to landing.
 fn stack_bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<u64> {
     let host = hil::host(root, arguments)?;
     let out: PathBuf = build::folder(root).join("bench");
@@ -185,7 +186,7 @@ fn stack_bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Resu
     Ok(bytes.parse()?)
 }
 
-/// 12345678 as 12,345,678.
+/// Formats 12345678 as 12,345,678.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let mut grouped = String::new();
@@ -250,7 +251,7 @@ fn compare(path: &Path, figures: &[Figure], compiler: &str) -> Result<()> {
     Ok(())
 }
 
-/// What is to be said where nothing has grown too much.
+/// Returns the message to print if nothing has grown too much.
 fn judge(baseline: &Value, figures: &[Figure], compiler: &str) -> Result<String> {
     let than = baseline["compiler"].as_str().unwrap_or_default();
     let (growth, between) = if than == compiler {
@@ -303,7 +304,7 @@ mod tests {
         judge(&baseline, &[figure], compiler)
     }
 
-    /// Another compiler shifts figures by some per cent, but must not switch the gate off.
+    /// Another compiler changes the figures by some per cent, but must not disable the check.
     #[test]
     fn growth_is_refused_whatever_the_compiler() {
         assert!(judged(1029, "rustc 1").is_ok());

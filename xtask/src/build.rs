@@ -25,18 +25,18 @@ pub(crate) struct BuildArguments {
     pub(crate) host_sim: Option<PathBuf>,
 }
 
-/// What came of it.
+/// The result of a build.
 #[derive(Debug)]
 pub(crate) struct Images {
     /// The image that flies.
     pub(crate) controller: PathBuf,
     /// The image that measures.
     pub(crate) bench: PathBuf,
-    /// The policy in both.
+    /// The policy in both images.
     pub(crate) policy: PathBuf,
 }
 
-/// Where everything goes.
+/// Returns the output directory.
 pub(crate) fn folder(root: &Path) -> PathBuf {
     root.join("target/firmware")
 }
@@ -72,7 +72,7 @@ pub(crate) fn run(root: &Path, arguments: &BuildArguments) -> Result<Images> {
     Ok(images)
 }
 
-/// The policy in the microcontroller's form.
+/// Converts the policy to the format of the microcontroller.
 fn converted(root: &Path, policy: &Path) -> Result<PathBuf> {
     let policy = root.join(policy);
     ensure!(
@@ -102,12 +102,12 @@ fn converted(root: &Path, policy: &Path) -> Result<PathBuf> {
     Ok(to)
 }
 
-/// The cargo that runs us.
+/// Returns a command for the cargo that runs this program.
 pub(crate) fn cargo() -> Command {
     Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
 
-/// Runs to the end, and well.
+/// Runs a command to its end, and returns an error if it fails.
 pub(crate) fn complete(command: &mut Command) -> Result<()> {
     let program = command.get_program().display().to_string();
     let status = command

@@ -1,25 +1,25 @@
-//! Sizes of the sections of an image.
+//! Reads the sizes of the sections of an image.
 
 use std::{fs, path::Path};
 
 use anyhow::{Context, Result, ensure};
 use object::{Object, ObjectSection};
 
-/// Bytes by section.
+/// The sizes of the sections in bytes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sizes {
-    /// Code and the vector table.
+    /// The code and the vector table.
     pub(crate) text: u32,
-    /// Constants, the policy among them.
+    /// The constants, including the policy.
     pub(crate) rodata: u32,
-    /// Statics with a value, in flash and in RAM.
+    /// The statics with a value, in flash and in RAM.
     pub(crate) data: u32,
-    /// Statics that begin as zero.
+    /// The statics that are initially zero.
     pub(crate) bss: u32,
 }
 
 impl Sizes {
-    /// Of the image in this file.
+    /// Reads the sizes of the image in this file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let file = fs::read(path).with_context(|| path.display().to_string())?;
         Self::parse(&file).with_context(|| format!("{}: not an image", path.display()))

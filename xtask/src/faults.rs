@@ -1,6 +1,7 @@
 //! Fault schedules against the image in QEMU: its ground link is damaged in every way that
-//! `link::faults` knows, beside the twin in this machine's process. An image takes one
-//! order, so each mission has a QEMU of its own; a schedule is some slots of a mission.
+//! `link::faults` supports, and its output is compared with that of the twin on this machine. An
+//! image accepts one order, so each mission has a separate QEMU; a schedule consists of some slots
+//! of a mission.
 
 use std::{
     collections::BTreeMap,
@@ -23,10 +24,10 @@ use crate::{
     qemu::Board,
 };
 
-/// Schedules of a mission.
+/// The number of schedules in a mission.
 const EACH: u64 = 20;
 
-/// What host-sim counts once a schedule.
+/// The counter that host-sim increments once per schedule.
 const IN_ORDER: &str = "resynchronised at the first clean frame";
 
 type Tally = BTreeMap<String, u64>;
@@ -47,7 +48,7 @@ pub(crate) struct FaultsArguments {
     seed: u64,
 }
 
-/// Flies the missions, one on each core, and prints what was injected and counted.
+/// Flies the missions, one on each core, and prints the injected faults and the counters.
 pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let host = hil::host(root, &arguments.build)?;
@@ -100,7 +101,7 @@ pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
     Ok(())
 }
 
-/// A mission; what was injected and counted.
+/// Flies a mission; returns the injected faults and the counters.
 fn fly(
     root: &Path,
     (host, images): (&Path, &Images),
@@ -108,7 +109,7 @@ fn fly(
     (seed, schedules): (u64, u64),
 ) -> Result<Tally> {
     let board = {
-        // Until QEMU has its ports, nobody else may look for free ones.
+        // Until QEMU has opened its ports, no other thread may look for free ones.
         static STARTING: Mutex<()> = Mutex::new(());
         let _turn = STARTING.lock().unwrap_or_else(PoisonError::into_inner);
         let board = Board::start(root, &images.controller, false)?;

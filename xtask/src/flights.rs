@@ -1,9 +1,10 @@
-//! `cargo xtask flights`: the table of flights on real autopilots in `docs/sitl.md`, from what the
-//! flights left.
+//! `cargo xtask flights`: the table of flights on real autopilots in `docs/sitl.md`, made from the
+//! files of the flights.
 //!
 //! A flight is a folder under `docs/flights` with the `summary.json` of the run, as it was written,
-//! and a `flight.json` that says what no summary knows: the autopilot and its version, the airframe,
-//! the wind, the commit of the product, the date, the exit code, and the total of the ideal flight.
+//! and a `flight.json` with the data that a summary does not contain: the autopilot and its
+//! version, the airframe, the wind, the commit of the product, the date, the exit code, and the
+//! total of the ideal flight.
 
 use std::{
     collections::BTreeMap,
@@ -23,7 +24,7 @@ pub(crate) struct FlightsArguments {
     check: bool,
 }
 
-/// What encloses the table in the page.
+/// The markers around the table in the page.
 const MARKS: [&str; 2] = [
     "<!-- cargo xtask flights: begin -->\n",
     "<!-- cargo xtask flights: end -->\n",
@@ -43,7 +44,7 @@ pub(crate) fn run(root: &Path, arguments: &FlightsArguments) -> Result<()> {
     Ok(())
 }
 
-/// The page with this table between the marks.
+/// Returns the page with this table between the markers.
 fn replaced(page: &str, table: &str) -> Result<String> {
     let [begin, end] = MARKS;
     let from = page.find(begin).context("docs/sitl.md has no begin mark")? + begin.len();
@@ -54,12 +55,12 @@ fn replaced(page: &str, table: &str) -> Result<String> {
     Ok(format!("{}{table}{}", &page[..from], &page[to..]))
 }
 
-/// What flights that are told in one row have in common, in the order of the columns.
+/// The properties that the flights of one row have in common, in the order of the columns.
 type Kind = [String; 7];
 
-/// One flight, as far as the table tells it.
+/// The properties of one flight that the table contains.
 struct Flight {
-    /// Of the ideal flight's total.
+    /// The fraction of the ideal flight's total.
     share: f64,
     total: f64,
     arrived: bool,
@@ -68,7 +69,7 @@ struct Flight {
     exit_code: f64,
 }
 
-/// One row for all flights of a kind.
+/// Returns a table with one row for all flights of a kind.
 fn table(folder: &Path) -> Result<String> {
     let entries = fs::read_dir(folder).with_context(|| folder.display().to_string())?;
     let mut folders: Vec<PathBuf> = entries
@@ -165,7 +166,7 @@ fn read(folder: &Path) -> Result<(Kind, Flight)> {
 mod tests {
     use super::*;
 
-    /// What the page says of the flights is what the flights left.
+    /// The table in the page agrees with the files of the flights.
     #[test]
     fn the_page_holds_the_table() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -1,6 +1,6 @@
-//! Hardware in the loop: a mission whose controller is the image in QEMU, beside the same mission
-//! in this machine's process in the same precision. Way-points and users must be equal, rates
-//! within [`RATE_TOLERANCE`]; and an image with a damaged policy must refuse to fly.
+//! Hardware in the loop: compares a mission whose controller is the image in QEMU with the same
+//! mission on this machine in the same precision. Waypoints and users must be equal, and rates must
+//! agree within [`RATE_TOLERANCE`]; an image with a damaged policy must refuse to fly.
 
 use std::{
     fs,
@@ -18,7 +18,7 @@ use crate::{
     qemu::{self, Board},
 };
 
-/// How far apart rates may be, bit/s/Hz.
+/// The largest allowed difference of rates, bit/s/Hz.
 const RATE_TOLERANCE: f64 = 1e-4;
 
 /// What is flown.
@@ -34,7 +34,7 @@ pub(crate) struct HilArguments {
     more: Vec<String>,
 }
 
-/// Flies both and compares.
+/// Flies both missions and compares them.
 pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let host = host(root, &arguments.build)?;
@@ -79,7 +79,7 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     compare(&image, &own)
 }
 
-/// The simulator, built.
+/// Builds the simulator if necessary, and returns its path.
 pub(crate) fn host(root: &Path, arguments: &BuildArguments) -> Result<PathBuf> {
     if let Some(built) = &arguments.host_sim {
         return Ok(root.join(built));
@@ -92,13 +92,13 @@ pub(crate) fn host(root: &Path, arguments: &BuildArguments) -> Result<PathBuf> {
     Ok(root.join("target/release/host-sim"))
 }
 
-/// What came of a flight.
+/// The result of a flight.
 #[derive(Debug)]
 pub(crate) struct Flight {
     pub(crate) slots: Vec<Slot>,
     pub(crate) sum_rate: f64,
     pub(crate) arrival_distance_m: f64,
-    /// What was said on standard error.
+    /// The text on standard error.
     pub(crate) note: String,
 }
 
@@ -106,13 +106,14 @@ pub(crate) struct Flight {
 #[derive(Debug)]
 pub(crate) struct Slot {
     user: String,
-    /// The way-point as it is written.
+    /// The waypoint as it is written in the file.
     planned: [String; 2],
     rate: f64,
 }
 
 impl Flight {
-    /// Of a run that must have arrived, fair, with no slot less accurate than asked.
+    /// Reads the result of a run, which must have arrived and been fair, with no slot less accurate
+    /// than required.
     pub(crate) fn of(output: &Output, out: &Path) -> Result<Self> {
         let note = String::from_utf8_lossy(&output.stderr)
             .trim()
@@ -205,7 +206,7 @@ fn compare(image: &Flight, own: &Flight) -> Result<()> {
     Ok(())
 }
 
-/// A bit of the policy is flipped in the image's flash: it must say so and end as a failure.
+/// Flips a bit of the policy in the image's flash: the image must report it and end as a failure.
 fn refuses_damage(root: &Path, images: &Images) -> Result<()> {
     let policy = fs::read(&images.policy)?;
     let mut image = fs::read(&images.controller)?;

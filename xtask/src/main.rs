@@ -1,8 +1,8 @@
 //! `cargo xtask`: developer commands that need more than cargo.
 //!
-//! `cargo xtask firmware build|bench|hil|faults` makes the microcontroller image, measures what
-//! it costs, and flies missions with it in QEMU, some over a damaged link. docs/target.md says
-//! what for. `cargo xtask flights` writes the table of flights on real autopilots.
+//! `cargo xtask firmware build|bench|hil|faults` builds the microcontroller image, measures its
+//! cost, and flies missions with it in QEMU, some of them over a damaged link; docs/target.md
+//! explains the purpose. `cargo xtask flights` writes the table of flights on real autopilots.
 
 mod bench;
 mod build;
@@ -78,7 +78,7 @@ fn firmware(root: &Path, command: Firmware) -> Result<()> {
     }
 }
 
-/// The workspace's folder.
+/// Returns the workspace's root directory.
 fn root() -> Result<PathBuf> {
     let own = env::var_os("CARGO_MANIFEST_DIR").context("run me as `cargo xtask`")?;
     let root = Path::new(&own)

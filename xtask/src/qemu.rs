@@ -1,4 +1,4 @@
-//! The board in QEMU.
+//! Runs the board in QEMU.
 
 use std::{
     net::TcpListener,
@@ -12,10 +12,11 @@ use anyhow::{Context, Result, bail};
 
 use crate::tools;
 
-/// How long a board may take for a bench: some seconds on an idle machine.
+/// The longest time that a board may take for a bench, which is some seconds on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(240);
 
-/// An instruction takes 2^6 ns of virtual time: exact counts, the same in every run.
+/// Makes an instruction take 2^6 ns of virtual time: the counts are exact and the same in every
+/// run.
 pub(crate) const COUNTING: [&str; 2] = ["-icount", "shift=6"];
 
 fn board(root: &Path, image: &Path) -> Result<Command> {
@@ -59,12 +60,12 @@ pub(crate) fn run_to_end(root: &Path, image: &Path) -> Result<Output> {
 #[derive(Debug)]
 pub(crate) struct Board {
     child: Child,
-    /// Of the ground link; MAVLink and the console are the next two.
+    /// The port of the ground link; MAVLink and the console use the next two.
     pub(crate) port: u16,
 }
 
 impl Board {
-    /// Switches it on; with `counting`, at 64 ns an instruction.
+    /// Starts the board; with `counting`, an instruction takes 64 ns.
     pub(crate) fn start(root: &Path, image: &Path, counting: bool) -> Result<Self> {
         let port = free_ports()?;
         let mut qemu = board(root, image)?;
@@ -82,13 +83,13 @@ impl Board {
 
 impl Drop for Board {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The process may have ended by itself.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// The first of three free ports in a row.
+/// Returns the first of three consecutive free ports.
 fn free_ports() -> Result<u16> {
     for _ in 0..50 {
         let first = TcpListener::bind("127.0.0.1:0")?;

@@ -1,4 +1,4 @@
-//! Finds a compiler for the target, its linker, and QEMU; says what is missing.
+//! Finds a compiler for the target, its linker, and QEMU, and reports what is missing.
 
 use std::{
     env, fs,
@@ -8,15 +8,15 @@ use std::{
 
 use anyhow::{Context, Result, bail};
 
-/// The target.
+/// The target of the image.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// A compiler that can build for the target.
 #[derive(Debug)]
 pub(crate) enum Compiler {
-    /// rustup's, with the target's own `core`.
+    /// A compiler of rustup, with the `core` of the target.
     Installed,
-    /// Builds `core` from source: the compiler, `None` for cargo's own.
+    /// Builds `core` from source with this compiler; `None` is cargo's own.
     FromSource {
         rustc: Option<PathBuf>,
         linker: PathBuf,
@@ -24,8 +24,8 @@ pub(crate) enum Compiler {
 }
 
 impl Compiler {
-    /// What there is: the target by rustup; the tools that `.ci/firmware-tools` unpacks; the
-    /// library's source by rustup.
+    /// Finds a compiler: rustup's target, the tools that `.ci/firmware-tools` unpacks, or rustup's
+    /// library source.
     pub(crate) fn find(root: &Path) -> Result<Self> {
         let libraries = ask_rustc(root, &["--print", "target-libdir", "--target", TARGET]);
         let has_core = |folder: PathBuf| {
@@ -55,7 +55,7 @@ impl Compiler {
         })
     }
 
-    /// Sets cargo up to use it.
+    /// Configures a cargo command to use this compiler.
     pub(crate) fn prepare(&self, cargo: &mut Command) {
         if let Self::FromSource { rustc, linker } = self {
             if let Some(rustc) = rustc {
@@ -69,7 +69,7 @@ impl Compiler {
         }
     }
 
-    /// Its version in one line.
+    /// Returns the version in one line.
     pub(crate) fn version(&self, root: &Path) -> Result<String> {
         match self {
             Self::FromSource {
@@ -80,7 +80,7 @@ impl Compiler {
     }
 }
 
-/// LLVM's linker: rustup's compilers bring it, but look for it only for targets they know.
+/// Returns LLVM's linker: rustup's compilers include it, but look for it only for known targets.
 fn linker(root: &Path, sysroot: &Path) -> Result<PathBuf> {
     let about = ask_rustc(root, &["-vV"])?;
     let host = about.lines().find_map(|line| line.strip_prefix("host: "));
@@ -94,7 +94,7 @@ fn linker(root: &Path, sysroot: &Path) -> Result<PathBuf> {
         .context("no linker: rust-lld comes with rustup's toolchains, ld.lld with the package lld")
 }
 
-/// QEMU for the board.
+/// Returns QEMU for the board.
 pub(crate) fn qemu(root: &Path) -> Result<PathBuf> {
     const NAME: &str = "qemu-system-arm";
     unpacked(root, NAME)
@@ -107,7 +107,7 @@ pub(crate) fn qemu(root: &Path) -> Result<PathBuf> {
         })
 }
 
-/// A program that `.ci/firmware-tools` has unpacked.
+/// Returns a program that `.ci/firmware-tools` has unpacked.
 fn unpacked(root: &Path, name: &str) -> Option<PathBuf> {
     let tools = root.join("target/firmware-tools");
     let program = tools.join("bin").join(name);

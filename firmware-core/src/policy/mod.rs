@@ -16,5 +16,5 @@ mod provenance;
 mod rules;
 
 pub use interface::{Action, Observation, Policy};
-pub use provenance::{PolicyMismatch, Provenance};
+pub use provenance::{PolicyMismatch, Provenance, REQUIRED_METADATA};
 pub use rules::{FixedPosition, StraightLine};

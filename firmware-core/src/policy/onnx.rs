@@ -20,7 +20,7 @@ use std::{
 use heapless::Vec;
 use tract_onnx::prelude::*;
 
-use super::{Action, Observation, Policy, Provenance, mlp::SELF_TEST_TOLERANCE};
+use super::{Action, Observation, Policy, Provenance, REQUIRED_METADATA, mlp::SELF_TEST_TOLERANCE};
 use crate::scalar::{Displacement, Scalar};
 
 /// The version of the contract that this crate reads.
@@ -35,11 +35,11 @@ pub enum OnnxError {
         /// tract's message, in one line.
         reason: String,
     },
-    /// A metadata entry is missing.
-    #[error("metadata_props has no {key}")]
+    /// Metadata entries are missing.
+    #[error("metadata_props has no {keys}")]
     Missing {
-        /// The key of the entry.
-        key: &'static str,
+        /// The keys of all missing entries, with commas between.
+        keys: String,
     },
     /// A metadata entry has an invalid value.
     #[error("metadata_props {key} is {value:?}, but must be {expected}")]
@@ -102,6 +102,7 @@ impl OnnxPolicy {
             .model_for_read(&mut reader)
             .map_err(OnnxError::network)?;
         let metadata = Metadata::of_model(&model);
+        metadata.check_keys()?;
         let version: u32 = metadata.number("format_version")?;
         if version != FORMAT_VERSION {
             return Err(OnnxError::Metadata {
@@ -281,9 +282,22 @@ impl Metadata {
         Self(model.properties.iter().filter_map(entry).collect())
     }
 
+    /// Checks that every required entry is there.
+    fn check_keys(&self) -> Result<(), OnnxError> {
+        let missing = REQUIRED_METADATA
+            .into_iter()
+            .filter(|&key| !self.0.contains_key(key));
+        let missing: StdVec<&str> = missing.collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let keys = missing.join(", ");
+        Err(OnnxError::Missing { keys })
+    }
+
     fn text(&self, key: &'static str) -> Result<&str, OnnxError> {
         let found = self.0.get(key).map(String::as_str);
-        found.ok_or(OnnxError::Missing { key })
+        found.ok_or_else(|| OnnxError::Missing { keys: key.into() })
     }
 
     fn wrong(&self, key: &'static str, expected: impl Into<String>) -> OnnxError {

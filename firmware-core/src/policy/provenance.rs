@@ -5,6 +5,24 @@ use serde::{Deserialize, Serialize};
 
 use crate::{mission::Mission, scalar::Scalar};
 
+/// The keys that `metadata_props` of an ONNX policy must have: the version of the contract, the
+/// provenance, and the test vector.
+pub const REQUIRED_METADATA: [&str; 13] = [
+    "format_version",
+    "users",
+    "max_speed_mps",
+    "slot_duration_s",
+    "area_m",
+    "algorithm",
+    "scenario",
+    "scenario_digest",
+    "episodes",
+    "seed",
+    "test_observation",
+    "test_displacement",
+    "test_user_scores",
+];
+
 /// Part of every policy file, `.onnx` (as metadata) and `.policy`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {

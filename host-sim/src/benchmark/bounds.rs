@@ -1,4 +1,4 @@
-//! Certified bounds as a file: `bounds.csv` beside the scenarios.
+//! Certified bounds as a file: `bounds.csv` in the directory of the scenarios.
 
 use std::path::Path;
 
@@ -32,10 +32,10 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Reads `bounds.csv` of a directory; no bounds where there is no such file.
+    /// Reads `bounds.csv` of a directory; returns no bounds if there is no such file.
     ///
     /// # Errors
-    /// A file that is not readable: one line.
+    /// Returns a message of one line if the file is not readable.
     pub fn read(folder: &Path) -> Result<Self, String> {
         let path = folder.join(FILE_NAME);
         if !path.exists() {
@@ -49,10 +49,10 @@ impl Bounds {
         })
     }
 
-    /// Writes `bounds.csv` into a directory, by name of the mission.
+    /// Writes `bounds.csv` into a directory, sorted by the name of the mission.
     ///
     /// # Errors
-    /// A file that cannot be written: one line.
+    /// Returns a message of one line if the file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), String> {
         let path = folder.join(FILE_NAME);
         let named = |error: csv::Error| format!("{}: {error}", path.display());
@@ -65,22 +65,22 @@ impl Bounds {
             .map_err(|error| format!("{}: {error}", path.display()))
     }
 
-    /// The bound of a mission with this digest.
+    /// Returns the bound of the mission with this digest.
     pub fn of(&self, digest: &str) -> Option<&BoundRecord> {
         self.records.iter().find(|record| record.digest == digest)
     }
 
-    /// Adds a record, in place of one for the same scenario name.
+    /// Adds a record; it replaces a record for the same scenario name.
     pub fn insert(&mut self, record: BoundRecord) {
         self.records.retain(|known| known.mission != record.mission);
         self.records.push(record);
         self.records.sort_by(|a, b| a.mission.cmp(&b.mission));
     }
 
-    /// Certifies the bound of a scenario at the default settings. Seconds to minutes.
+    /// Certifies the bound of a scenario with the default settings. This takes seconds to minutes.
     ///
     /// # Errors
-    /// A mission that is too large to be bounded: one line.
+    /// Returns a message of one line if the mission is too large to be bounded.
     pub fn certify(scenario: &Scenario) -> Result<BoundRecord, String> {
         let bound = bound::certify(&scenario.mission, &bound::Settings::default(), |_| {})
             .map_err(|error| format!("{}: {error}", scenario.name))?;

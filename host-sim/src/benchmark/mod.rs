@@ -1,8 +1,8 @@
-//! Policies compared over a set of missions, as shares of certified upper bounds.
+//! Compares policies over a set of missions, as fractions of certified upper bounds.
 //!
 //! A set is a directory with scenario files and `bounds.csv`, the certified bounds of their
-//! missions. A bound belongs to a mission's digest, so a file that has been changed since has
-//! none.
+//! missions. A bound belongs to a mission's digest, so a file that was changed afterwards has no
+//! bound.
 
 mod bounds;
 mod statistics;
@@ -26,13 +26,14 @@ use vehicle::{Profile, Vehicle};
 pub use bounds::{BoundRecord, Bounds};
 pub use statistics::{PolicyStatistics, statistics};
 
-/// The largest certified gap at which a mission counts in the statistics of shares.
+/// The largest certified gap at which a mission counts in the statistics of the fractions.
 pub const COUNTED_GAP: f64 = 0.02;
 
-/// The scenarios of a directory, by name.
+/// Returns the scenarios of a directory, sorted by name.
 ///
 /// # Errors
-/// A directory that cannot be read or has no scenario, a scenario that is not valid: one line.
+/// Returns a message of one line if the directory cannot be read or has no scenario, or if a
+/// scenario is not valid.
 pub fn missions(folder: &Path) -> Result<Vec<Scenario>, String> {
     let unreadable = |error: io::Error| format!("{}: {error}", folder.display());
     let entries = fs::read_dir(folder).map_err(unreadable)?;
@@ -56,28 +57,28 @@ pub fn missions(folder: &Path) -> Result<Vec<Scenario>, String> {
         .collect()
 }
 
-/// How one policy did on one mission.
+/// The result of one policy on one mission.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Flown {
     /// The scenario's name.
     pub mission: String,
     /// The mission's digest.
     pub digest: String,
-    /// The policy as asked for.
+    /// The policy as it was requested.
     pub policy: String,
-    /// The vehicle.
+    /// The vehicle's profile.
     pub profile: String,
-    /// The sum of the rates, bit/s/Hz; NaN where the policy does not fit the mission.
+    /// The sum of the rates, bit/s/Hz; NaN if the policy does not fit the mission.
     pub sum_rate: f64,
-    /// Constraints broken: speed, area, arrival and fairness; a flight that did not end as planned
-    /// counts as one more.
+    /// The number of violated constraints: speed, area, arrival and fairness; a flight that did not
+    /// end as planned counts as one more.
     pub violations: usize,
-    /// Slots whose average was less accurate than `Gamma`: over places at which no choice of
-    /// powers meets it, and users are silent.
+    /// The number of slots whose average was less accurate than `Gamma`: at these positions no
+    /// choice of powers meets it, and the users do not transmit.
     pub inaccurate_slots: usize,
-    /// Wall-clock time to prepare the policy (a plan, a search), seconds.
+    /// The wall-clock time to prepare the policy (a plan, a search), seconds.
     pub preparation_s: f64,
-    /// Median time of a decision, microseconds.
+    /// The median time of a decision, microseconds.
     pub decision_us: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What a policy reached over all missions.
+//! The statistics of a policy over all missions.
 
 use serde::Serialize;
 
@@ -9,33 +9,33 @@ use super::{Bounds, COUNTED_GAP, Flown};
 pub struct PolicyStatistics {
     /// The policy.
     pub policy: String,
-    /// Missions flown.
+    /// The number of flown missions.
     pub flown: usize,
-    /// Missions that the policy does not fit.
+    /// The number of missions that the policy does not fit.
     pub refused: usize,
-    /// Missions that count: flown, with a certified gap of at most [`COUNTED_GAP`].
+    /// The number of missions that count: flown, with a certified gap of at most [`COUNTED_GAP`].
     pub counted: usize,
-    /// Mean share of the certified upper bound over those that count.
+    /// The mean fraction of the certified upper bound over the missions that count.
     pub mean: f64,
-    /// Its 5 % quantile (nearest rank).
+    /// The 5 % quantile of the fraction (nearest rank).
     pub quantile_5: f64,
-    /// The least share.
+    /// The smallest fraction.
     pub worst: f64,
-    /// The mission with the least share.
+    /// The mission with the smallest fraction.
     pub worst_mission: String,
-    /// Constraints broken, over all missions flown.
+    /// The number of violated constraints over all flown missions.
     pub violations: usize,
-    /// Slots less accurate than `Gamma`, over all missions flown.
+    /// The number of slots less accurate than `Gamma` over all flown missions.
     pub inaccurate_slots: usize,
-    /// Median time of preparation, seconds.
+    /// The median time of preparation, seconds.
     pub preparation_median_s: f64,
-    /// Longest time of preparation, seconds.
+    /// The longest time of preparation, seconds.
     pub preparation_max_s: f64,
-    /// Median over missions of the median time of a decision, microseconds.
+    /// The median over the missions of the median time of a decision, microseconds.
     pub decision_median_us: f64,
 }
 
-/// The statistics of `policy` over what it has flown; NaN where nothing counts.
+/// Returns the statistics of `policy` over its flights; NaN if no mission counts.
 pub fn statistics(policy: &str, flights: &[Flown], bounds: &Bounds) -> PolicyStatistics {
     let own = || flights.iter().filter(|flown| flown.policy == policy);
     let flown = || own().filter(|flown| !flown.sum_rate.is_nan());
@@ -94,8 +94,8 @@ mod tests {
         }
     }
 
-    /// 40 missions with shares 0.61 to 1.00: the 5 % quantile is the second smallest. One mission
-    /// with a loose bound and one that the policy refused do not count.
+    /// 40 missions with fractions 0.61 to 1.00: the 5 % quantile is the second smallest. One
+    /// mission with a loose bound and one that the policy does not fit do not count.
     #[test]
     fn shares_are_of_missions_with_close_bounds() {
         let mut bounds = Bounds::default();

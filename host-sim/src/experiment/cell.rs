@@ -1,5 +1,5 @@
-//! The missions that the figures fly, and the trainings that they take policies from, each with
-//! a name that is also its file's.
+//! The missions that the figures fly, and the trainings that produce the policies. Each has a name
+//! that is also the name of its file.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use scenario::Scenario;
 
-/// How users and sensors lie to each other: one of the shipped scenarios.
+/// The arrangement of users and sensors: one of the shipped scenarios.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Topology {
@@ -18,10 +18,10 @@ pub enum Topology {
 }
 
 impl Topology {
-    /// Both, in the paper's order.
+    /// Both topologies, in the paper's order.
     pub const ALL: [Self; 2] = [Self::Separated, Self::Mixed];
 
-    /// The shipped scenario's name.
+    /// Returns the name of the shipped scenario.
     pub fn name(self) -> &'static str {
         match self {
             Self::Separated => "separated",
@@ -29,7 +29,7 @@ impl Topology {
         }
     }
 
-    /// Name and the paper's number, for captions.
+    /// Returns the name and the paper's number, for captions.
     pub fn title(self) -> &'static str {
         match self {
             Self::Separated => "separated (Topo.1)",
@@ -41,9 +41,10 @@ impl Topology {
 /// A mission of Sec. VI: a shipped scenario with at most three of its values changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
-    /// Where users and sensors are.
+    /// The arrangement of users and sensors.
     pub topology: Topology,
-    /// `N`; with the shipped slots of a second also `T` in seconds.
+    /// The number of slots `N`; the slots of the shipped scenarios last one second, so this is also
+    /// `T` in seconds.
     pub slots: u32,
     /// `sigma^2`, dBm.
     pub noise_dbm: f64,
@@ -59,13 +60,13 @@ pub const NOISE_DBM: f64 = -95.0;
 pub const HIGH_NOISE_DBM: f64 = -85.0;
 /// Table I's `Gamma`.
 pub const MSE_THRESHOLD: f64 = 0.015;
-/// The thresholds that the figures go through.
+/// The thresholds of the figures.
 pub const MSE_THRESHOLDS: [f64; 4] = [0.010, 0.015, 0.020, 0.025];
-/// The mission times that the figures go through, seconds, in the separated topology.
+/// The mission times of the figures, seconds, in the separated topology.
 pub const MISSION_TIMES_S: [u32; 5] = [50, 60, 70, 80, 90];
 
 impl Cell {
-    /// Table I's mission.
+    /// Returns Table I's mission.
     pub fn table_one(topology: Topology) -> Self {
         Self {
             topology,
@@ -75,7 +76,7 @@ impl Cell {
         }
     }
 
-    /// With another threshold.
+    /// Returns the mission with another threshold.
     pub fn at_threshold(self, mse_threshold: f64) -> Self {
         Self {
             mse_threshold,
@@ -83,20 +84,20 @@ impl Cell {
         }
     }
 
-    /// With another noise power, dBm.
+    /// Returns the mission with another noise power, dBm.
     pub fn at_noise(self, noise_dbm: f64) -> Self {
         Self { noise_dbm, ..self }
     }
 
-    /// With another number of slots.
+    /// Returns the mission with another number of slots.
     pub fn lasting(self, slots: u32) -> Self {
         Self { slots, ..self }
     }
 
-    /// The scenario.
+    /// Returns the scenario.
     ///
     /// # Errors
-    /// Values that make no mission, in one line.
+    /// Returns a message of one line if the values do not form a valid mission.
     pub fn scenario(&self) -> Result<Scenario, String> {
         let shipped = Scenario::shipped(self.topology.name());
         shipped
@@ -106,7 +107,7 @@ impl Cell {
             .with_mse_threshold(self.mse_threshold)
     }
 
-    /// Every mission of the figures once, nearest to Table I first.
+    /// Returns every mission of the figures once, the most similar to Table I first.
     pub fn all() -> Vec<Self> {
         let mut cells = Vec::new();
         for noise_dbm in [NOISE_DBM, HIGH_NOISE_DBM] {
@@ -122,7 +123,7 @@ impl Cell {
 }
 
 impl fmt::Display for Cell {
-    /// `separated-t60-n95-g0.015`: topology, seconds, minus dBm, threshold.
+    /// Writes `separated-t60-n95-g0.015`: topology, seconds, negated dBm, threshold.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             slots,
@@ -135,10 +136,10 @@ impl fmt::Display for Cell {
     }
 }
 
-/// What learns, with which of the trainer's presets.
+/// The learning algorithm and the trainer's preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Learner {
-    /// SAC with the settings that were found best.
+    /// SAC with the best settings that were found.
     Sac,
     /// SAC with Table I's settings.
     SacTableOne,
@@ -147,7 +148,7 @@ pub enum Learner {
 }
 
 impl Learner {
-    /// The trainer's `--algorithm` and `--preset`.
+    /// Returns the trainer's `--algorithm` and `--preset`.
     pub fn arguments(self) -> [&'static str; 2] {
         match self {
             Self::Sac => ["sac", "tuned"],
@@ -157,21 +158,21 @@ impl Learner {
     }
 }
 
-/// One training: what `trainer train` is called with.
+/// One training: the arguments of `trainer train`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Training {
-    /// On which mission.
+    /// The mission that is trained on.
     pub cell: Cell,
-    /// What learns.
+    /// The algorithm and preset.
     pub learner: Learner,
-    /// Where its random numbers start.
+    /// The seed of the random numbers.
     pub seed: u64,
-    /// Another learning rate than the preset's, as it is written.
+    /// The learning rate as it is written on the command line, if it is not the preset's.
     pub learning_rate: Option<&'static str>,
 }
 
 impl Training {
-    /// With the preset's learning rate.
+    /// Creates a training with the preset's learning rate.
     pub fn new(cell: Cell, learner: Learner, seed: u64) -> Self {
         Self {
             cell,
@@ -181,7 +182,8 @@ impl Training {
         }
     }
 
-    /// The trainer's arguments, but for the directory; `scenario` is what `--scenario` names.
+    /// Returns the trainer's arguments except for the directory; `scenario` is the value of
+    /// `--scenario`.
     pub fn arguments(&self, scenario: &str) -> Vec<String> {
         let [algorithm, preset] = self.learner.arguments();
         let threshold = self.cell.mse_threshold.to_string();
@@ -199,7 +201,7 @@ impl Training {
         std::iter::once("train".to_owned()).chain(words).collect()
     }
 
-    /// The stem of the scenario file that it is trained on, where no shipped one does; the
+    /// Returns the stem of the scenario file to train on, if no shipped scenario fits; the
     /// threshold is an argument.
     pub fn scenario_stem(&self) -> Option<String> {
         let Cell {
@@ -214,7 +216,8 @@ impl Training {
 }
 
 impl fmt::Display for Training {
-    /// The cell's name, algorithm, preset, seed, and the learning rate if it is another.
+    /// Writes the cell's name, the algorithm, the preset, the seed, and the learning rate if it is
+    /// not the preset's.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [algorithm, preset] = self.learner.arguments();
         write!(f, "{}-{algorithm}-{preset}-s{}", self.cell, self.seed)?;

@@ -1,22 +1,22 @@
-//! What the paper claims, and what was measured of it.
+//! The claims of the paper, and the measured results.
 
 use std::fmt;
 
-/// What the numbers say of a claim.
+/// Whether the measured numbers support a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// In every case.
+    /// The claim holds in every case.
     Agrees,
-    /// In some cases, or only in direction.
+    /// The claim holds in some cases, or only in direction.
     InPart,
-    /// In none.
+    /// The claim holds in no case.
     Differs,
-    /// Not measured.
+    /// The claim was not measured.
     Open,
 }
 
 impl Verdict {
-    /// From how many of how many cases show it.
+    /// Returns the verdict if `holding` of `cases` cases support the claim.
     pub fn of(holding: usize, cases: usize) -> Self {
         match holding {
             _ if cases == 0 => Self::Open,
@@ -41,18 +41,18 @@ impl fmt::Display for Verdict {
 /// A claim with its verdict.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Claim {
-    /// What is claimed, in our words.
+    /// The claim, in our words.
     pub claimed: &'static str,
-    /// What the numbers say.
+    /// The verdict.
     pub verdict: Verdict,
-    /// The numbers.
+    /// The measured numbers.
     pub measured: String,
-    /// Where it does not agree: what is known of the reason; otherwise empty.
+    /// The known reason if the claim does not hold in every case; otherwise empty.
     pub reason: &'static str,
 }
 
 impl Claim {
-    /// With a reason that is given only where the claim does not hold throughout.
+    /// Creates a claim; the reason is only used if the claim does not hold in every case.
     pub(super) fn new(
         claimed: &'static str,
         verdict: Verdict,
@@ -85,7 +85,8 @@ impl Tally {
         self.holding += usize::from(holds);
     }
 
-    /// Whether a value is above another; no case where one of them was not measured (NaN).
+    /// Adds a case in which `value` must be above `reference`; adds nothing if one of them was not
+    /// measured (NaN).
     pub(super) fn add_above(&mut self, value: f64, reference: f64) {
         if let Some(order) = value.partial_cmp(&reference) {
             self.add(order.is_gt());
@@ -114,7 +115,7 @@ impl fmt::Display for Tally {
     }
 }
 
-/// The smallest and the largest.
+/// Returns the smallest and the largest value.
 pub(super) fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let start = (f64::INFINITY, f64::NEG_INFINITY);
     let widen = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));

@@ -1,4 +1,4 @@
-//! Where policies, bounds and flights come from: shipped, trained before, or made now.
+//! Provides policies, bounds and flights: shipped, trained before, or made now.
 
 use std::{
     collections::BTreeMap,
@@ -26,26 +26,26 @@ use planning::bound;
 use scenario::Scenario;
 use vehicle::{Profile, Vehicle};
 
-/// What an experiment works with.
+/// The settings of an experiment.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// Where results go; trainings and new bounds, too.
+    /// The directory of the results, including trainings and new bounds.
     pub out: PathBuf,
-    /// The shipped policies, bounds and learning curves.
+    /// The directory of the shipped policies, bounds and learning curves.
     pub models: PathBuf,
-    /// The trainer that makes what is missing; `None`: what is missing is an error.
+    /// The trainer that produces missing policies; with `None` a missing policy is an error.
     pub trainer: Option<PathBuf>,
-    /// Seeds 1 to this, of each training that several seeds are flown of: those that are there,
-    /// or all of them with a trainer.
+    /// The number of seeds, from 1, of each training that is flown with several seeds: without a
+    /// trainer the available ones among them, with a trainer all of them.
     pub seeds: u64,
-    /// Certify every bound anew.
+    /// Whether to certify every bound again.
     pub fresh: bool,
 }
 
 /// The certificate of a cell: a row of `bounds.csv`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BoundRow {
-    /// Of the mission.
+    /// The topology of the mission.
     pub topology: Topology,
     /// `T`, seconds.
     pub mission_time_s: u32,
@@ -53,26 +53,26 @@ pub struct BoundRow {
     pub noise_dbm: f64,
     /// `Gamma`.
     pub mse_threshold: f64,
-    /// Of the scenario: what the row is found by.
+    /// The digest of the scenario, by which the row is found.
     pub scenario_digest: String,
-    /// No mission has more, bit/s/Hz.
+    /// The upper bound of the sum of rates of any mission, bit/s/Hz.
     pub upper: f64,
-    /// The best known mission has this, bit/s/Hz.
+    /// The sum of rates of the best known mission, bit/s/Hz.
     pub lower: f64,
-    /// Side of the smallest cells, metres.
+    /// The side of the smallest cells, metres.
     pub cell_m: f64,
-    /// Parts that the missions were divided into.
+    /// The number of parts that the missions were divided into.
     pub parts: usize,
-    /// What it took where the row was made, seconds by the clock.
+    /// The wall-clock time on the machine that made the row, seconds.
     pub seconds: f64,
-    /// Of all its processors together, seconds: says more where the machine is shared. By the
-    /// clock where the system does not tell.
+    /// The processor time over all processors, seconds; more meaningful on a shared machine. The
+    /// wall-clock time if the system does not report it.
     pub processor_seconds: f64,
-    /// On so many threads.
+    /// The number of threads.
     pub threads: usize,
 }
 
-/// Makes what the figures are made of.
+/// Provides the data of the figures.
 #[derive(Debug)]
 pub struct ExperimentContext<'a> {
     settings: Settings,
@@ -80,14 +80,15 @@ pub struct ExperimentContext<'a> {
     watcher: &'a dyn Watcher,
 }
 
-/// The file of bounds, among the shipped policies and where results go.
+/// The name of the file of bounds, both in the directory of shipped policies and in that of the
+/// results.
 pub const BOUNDS: &str = "bounds.csv";
 
 impl<'a> ExperimentContext<'a> {
-    /// Reads the bounds that are known.
+    /// Reads the known bounds.
     ///
     /// # Errors
-    /// A file of bounds that is none, a directory that cannot be made.
+    /// Returns an error if a file of bounds is not valid or a directory cannot be created.
     pub fn open(settings: Settings, watcher: &'a dyn Watcher) -> Result<Self, String> {
         fs::create_dir_all(&settings.out).map_err(|error| table::named(&settings.out, error))?;
         let mut bounds = BTreeMap::new();
@@ -109,15 +110,15 @@ impl<'a> ExperimentContext<'a> {
         })
     }
 
-    /// What it works with.
+    /// Returns the settings.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// The certificate of a cell: known, or made now and written down.
+    /// Returns the certificate of a cell. An unknown one is made now and written to the file.
     ///
     /// # Errors
-    /// A mission that cannot be bounded, a file that cannot be written.
+    /// Returns an error if the mission cannot be bounded or a file cannot be written.
     pub fn bound(&mut self, cell: &Cell) -> Result<BoundRow, String> {
         let scenario = cell.scenario()?;
         let digest = scenario.digest();
@@ -154,7 +155,7 @@ impl<'a> ExperimentContext<'a> {
         Ok(row)
     }
 
-    /// Those of the figures' cells, in their order, then any other.
+    /// Writes the bounds of the figures' cells in their order, followed by all others.
     fn save_bounds(&self) -> Result<(), String> {
         let mut left = self.bounds.clone();
         let mut rows = Vec::new();
@@ -165,7 +166,7 @@ impl<'a> ExperimentContext<'a> {
         table::write(&self.settings.out.join(BOUNDS), &rows)
     }
 
-    /// The file of a trained policy, if it is there: trained before, or shipped.
+    /// Returns the file of a trained policy if it exists: trained before, or shipped.
     pub fn find(&self, training: &Training) -> Option<PathBuf> {
         let name = format!("{training}.onnx");
         let Settings { out, models, .. } = &self.settings;
@@ -176,10 +177,10 @@ impl<'a> ExperimentContext<'a> {
             .find(|path| path.is_file())
     }
 
-    /// Sees to it that every training is done, and says where each policy lies.
+    /// Makes sure that every training is finished, and returns the path of each policy.
     ///
     /// # Errors
-    /// A policy that is missing where there is no trainer, a training that fails.
+    /// Returns an error if a policy is missing and there is no trainer, or if a training fails.
     pub fn policies(&self, trainings: &[Training]) -> Result<Vec<PathBuf>, String> {
         let missing: Vec<&Training> = trainings
             .iter()
@@ -202,8 +203,8 @@ impl<'a> ExperimentContext<'a> {
         trainings.iter().map(place).collect()
     }
 
-    /// The seeds of a training whose policies are to be flown: with a trainer all that were asked
-    /// for, without one those that are there, and the first in any case.
+    /// Returns the seeds of a training whose policies are to be flown: with a trainer all requested
+    /// ones, without one the available ones; the first seed in any case.
     pub fn seeds(&self, cell: Cell, learner: Learner) -> Vec<Training> {
         let all = (1..=self.settings.seeds).map(|seed| Training::new(cell, learner, seed));
         all.filter(|training| {
@@ -212,10 +213,11 @@ impl<'a> ExperimentContext<'a> {
         .collect()
     }
 
-    /// Trains, as many at a time as there are processors. A training that was stopped goes on.
+    /// Trains as many policies at a time as there are processors. An interrupted training is
+    /// resumed.
     ///
     /// # Errors
-    /// The first that fails.
+    /// Returns the error of the first training that fails.
     pub fn train(&self, trainings: &[&Training]) -> Result<(), String> {
         let Some(trainer) = &self.settings.trainer else {
             return Ok(());
@@ -226,12 +228,12 @@ impl<'a> ExperimentContext<'a> {
         })
     }
 
-    /// What `--scenario` names: a shipped scenario, or a file that is written now.
+    /// Returns the value of `--scenario`: a shipped scenario, or a file that is written now.
     fn scenario_of(&self, training: &Training) -> Result<String, String> {
         let Some(stem) = training.scenario_stem() else {
             return Ok(training.cell.topology.name().to_owned());
         };
-        // The threshold is left to the argument, so cells share the file.
+        // The threshold is a separate argument, so cells share the file.
         let cell = training.cell.at_threshold(MSE_THRESHOLD);
         let path = self.settings.out.join(format!("{stem}.toml"));
         table::write_text(&path, &cell.scenario()?.to_toml())?;
@@ -241,7 +243,7 @@ impl<'a> ExperimentContext<'a> {
     fn train_one(&self, trainer: &Path, training: &Training) -> Result<(), String> {
         let run = self.run_directory(training);
         let arguments = match run.join("checkpoint.bin").exists() {
-            // Scenario and settings stand in the run.
+            // The scenario and the settings are stored in the run.
             true => vec!["train".into(), "--resume".into()],
             false => training.arguments(&self.scenario_of(training)?),
         };
@@ -261,14 +263,16 @@ impl<'a> ExperimentContext<'a> {
         fs::create_dir_all(&policies).map_err(|error| table::named(&policies, error))?;
         let made = run.join("policy.onnx");
         let bytes = fs::read(&made).map_err(|error| table::named(&made, error))?;
-        // Only a finished training has its policy here: it is written whole, and last.
+        // Only a finished training has its policy here: the file is written at once, as the last
+        // step.
         table::write_bytes(&policies.join(format!("{training}.onnx")), &bytes)
     }
 
-    /// Learning curves of the trainings: shipped, or of the runs that are made now.
+    /// Returns the learning curves of the trainings: shipped ones, or those of the runs that are
+    /// made now.
     ///
     /// # Errors
-    /// Curves that are missing where there is no trainer, a training that fails.
+    /// Returns an error if curves are missing and there is no trainer, or if a training fails.
     pub(super) fn learning_curves(
         &self,
         trainings: &[Training],
@@ -298,7 +302,7 @@ impl<'a> ExperimentContext<'a> {
                 models.join(LEARNING_CURVES).display()
             ));
         };
-        // A rate that is too large may break a run off: that is its curve.
+        // A learning rate that is too large may make a run diverge: the curve ends there.
         missing.par_iter().try_for_each(|training| {
             let run = self.run_directory(training);
             let broken_off = || run.join(BROKEN_OFF).exists();
@@ -324,7 +328,7 @@ impl<'a> ExperimentContext<'a> {
         Ok(rows)
     }
 
-    /// Where a training's run lies.
+    /// Returns the directory of a training's run.
     pub fn run_directory(&self, training: &Training) -> PathBuf {
         self.settings.out.join(RUNS).join(training.to_string())
     }
@@ -332,7 +336,8 @@ impl<'a> ExperimentContext<'a> {
     /// Flies a cell through the whole loop: controller, ground link, MAVLink, the ideal vehicle.
     ///
     /// # Errors
-    /// A policy that does not load or fit, a flight that was broken off: in one line.
+    /// Returns a message of one line if the policy cannot be loaded or does not fit, or if the
+    /// flight was aborted.
     pub fn fly(
         &self,
         cell: &Cell,
@@ -345,7 +350,7 @@ impl<'a> ExperimentContext<'a> {
     }
 }
 
-/// What this process has used of all processors.
+/// Returns the time that this process has used on all processors.
 #[cfg(unix)]
 fn processor_seconds() -> Option<f64> {
     let used = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
@@ -357,10 +362,11 @@ fn processor_seconds() -> Option<f64> {
     None
 }
 
-/// Flies a scenario on the ideal vehicle of this process.
+/// Flies a scenario on the built-in ideal vehicle.
 ///
 /// # Errors
-/// A policy that does not load or fit, a flight that was broken off: in one line.
+/// Returns a message of one line if the policy cannot be loaded or does not fit, or if the flight
+/// was aborted.
 pub fn fly(
     scenario: &Scenario,
     policy: &PolicyChoice,
@@ -373,7 +379,7 @@ pub fn fly(
         profile: Profile::Ideal,
         pace: Pace::Max,
         seed: 1,
-        // Rates are analytic; signals are drawn by `host-sim run`.
+        // The rates are analytic; the signals are drawn by `host-sim run`.
         symbols_per_slot: 1,
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, Profile::Ideal));
@@ -387,13 +393,14 @@ pub fn fly(
     flown.map_err(|failed| failed.error.to_string())
 }
 
-/// What a run leaves whose loss exploded.
+/// The name of the file that a run writes if its loss diverged.
 const BROKEN_OFF: &str = "diverged.json";
-/// Learning curves, among the shipped policies and where results go.
+/// The name of the file of learning curves, both in the directory of shipped policies and in that
+/// of the results.
 const LEARNING_CURVES: &str = "learning_curves.csv";
-/// Shipped policies, in the directory of models.
+/// The subdirectory of shipped policies in the directory of models.
 const CELLS: &str = "cells";
-/// Policies that `--train` made, where results go.
+/// The subdirectory of the results for policies that `--train` made.
 const POLICIES: &str = "policies";
-/// The runs that they came from.
+/// The subdirectory of the results for the runs that produced these policies.
 const RUNS: &str = "runs";

@@ -12,23 +12,23 @@ use super::{
     rounded, statistics,
 };
 
-/// Learning rates, from slow to fast, as the trainer takes them; Table I's is the second.
+/// The learning rates in ascending order, as the trainer takes them; Table I's is the second.
 const LEARNING_RATES: [&str; 4] = ["3e-5", "1e-4", "3e-4", "1e-3"];
-/// Seeds 1 to this.
+/// The number of seeds, from 1.
 const SEEDS: u64 = 3;
 
-/// A row of `convergence.csv`: the mean over seeds, of episodes up to `episode`.
+/// A row of `convergence.csv`: the mean over the seeds, for the episodes up to `episode`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct CurveRow {
     learning_rate: f64,
     episode: u32,
     runs: usize,
     episodic_return: f64,
-    /// Half the width of the 95 % interval.
+    /// Half the width of the 95 % confidence interval.
     interval_95: Option<f64>,
 }
 
-/// The trainings that the figure needs.
+/// Returns the trainings that the figure needs.
 pub(super) fn trainings() -> Vec<Training> {
     let cell = Cell::table_one(Topology::Separated);
     let of_rate = |rate: &'static str| {
@@ -40,7 +40,7 @@ pub(super) fn trainings() -> Vec<Training> {
     LEARNING_RATES.into_iter().flat_map(of_rate).collect()
 }
 
-/// Means over the seeds.
+/// Computes the means over the seeds.
 pub(super) fn measure(context: &mut ExperimentContext<'_>) -> Result<Vec<CurveRow>, String> {
     let rows = context.learning_curves(&trainings())?;
     let digest = Cell::table_one(Topology::Separated).scenario()?.digest();
@@ -72,7 +72,7 @@ fn of_rate(rows: &[CurveRow], rate: f64) -> Vec<&CurveRow> {
         .collect()
 }
 
-/// Mean and band over the episodes.
+/// Draws the mean and its band over the episodes.
 pub(super) fn figure(rows: &[CurveRow]) -> Figure {
     let y = Axis::around(
         "return of an episode, bit/s/Hz",
@@ -126,16 +126,17 @@ pub(super) fn figure(rows: &[CurveRow]) -> Figure {
     }
 }
 
-/// What a learning rate came to.
+/// The properties of the curve of one learning rate.
 struct Course {
     rate: f64,
-    /// Mean return over the last tenth of all episodes.
+    /// The mean return over the last tenth of all episodes.
     end: f64,
-    /// First episode from which on the mean stays within 2 % of the best rate's end.
+    /// The first episode from which on the mean stays within 2 % of the final value of the best
+    /// rate.
     settled: Option<u32>,
-    /// Standard deviation of the curve over its last half, around its own mean.
+    /// The standard deviation of the curve over its last half, around its own mean.
     unrest: f64,
-    /// Whether all its seeds got to the last episode.
+    /// Whether all seeds reached the last episode.
     complete: bool,
 }
 
@@ -170,7 +171,8 @@ fn courses(rows: &[CurveRow]) -> Vec<Course> {
         .collect()
 }
 
-/// Convergence, and that rates too small are slow and rates too large unsteady.
+/// Returns the claims that the training converges, that small learning rates are slow and that
+/// large ones are unstable.
 pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
     let courses = courses(rows);
     let describe = |what: &dyn Fn(&Course) -> String| -> String {

@@ -1,5 +1,5 @@
 //! Drawings of several panels, as SVG. Series differ by marker and dash as well as by colour, and
-//! the colours by lightness: a black-and-white printer loses nothing.
+//! the colours differ in lightness: a black-and-white print contains the same information.
 
 use std::iter::{Once, once};
 
@@ -16,7 +16,7 @@ use plotters::{
 };
 use plotters_backend::{BackendCoord, DrawingBackend, DrawingErrorKind};
 
-/// How the points of a series are marked.
+/// The marker of the points of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Marker {
     Circle,
@@ -28,16 +28,16 @@ pub(super) enum Marker {
     Dot,
 }
 
-/// How the points of a series are joined.
+/// The line between the points of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     None,
     Solid,
-    /// On and off, pixels.
+    /// The lengths of dash and gap, pixels.
     Dashed(u32, u32),
 }
 
-/// How a series looks.
+/// The appearance of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Look {
     pub(super) marker: Marker,
@@ -45,7 +45,7 @@ pub(super) struct Look {
     pub(super) color: [u8; 3],
 }
 
-/// Looks in the order in which a figure uses them, dark to light and dark again.
+/// The appearances in the order in which a figure uses them, from dark to light and dark again.
 pub(super) const LOOKS: [Look; 6] = [
     look(Marker::Circle, Line::Solid, [16, 16, 16]),
     look(Marker::Square, Line::Dashed(8, 4), [176, 48, 16]),
@@ -55,7 +55,7 @@ pub(super) const LOOKS: [Look; 6] = [
     look(Marker::Plus, Line::Solid, [140, 90, 160]),
 ];
 
-/// A look.
+/// Creates an appearance.
 pub(super) const fn look(marker: Marker, line: Line, color: [u8; 3]) -> Look {
     Look {
         marker,
@@ -64,18 +64,18 @@ pub(super) const fn look(marker: Marker, line: Line, color: [u8; 3]) -> Look {
     }
 }
 
-/// Points that belong together.
+/// A series of points.
 #[derive(Clone, Debug)]
 pub(super) struct Series {
-    /// For the legend; empty: not in it.
+    /// The name in the legend; a series with an empty name is not listed.
     pub(super) name: String,
     pub(super) look: Look,
     pub(super) points: Vec<(f64, f64)>,
-    /// Low and high for each point, drawn as a band under the line; empty for none.
+    /// The lower and upper limit for each point, drawn as a band under the line; empty for no band.
     pub(super) band: Vec<(f64, f64)>,
-    /// A text at each point; empty for none.
+    /// A text at each point; empty for no texts.
     pub(super) labels: Vec<String>,
-    /// Every so many points are marked.
+    /// The distance of the marked points: 1 marks every point.
     pub(super) mark_every: usize,
 }
 
@@ -92,20 +92,20 @@ impl Series {
     }
 }
 
-/// An axis: what it shows, with its unit, and from where to where.
+/// An axis: its label with the unit, and its range.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) label: String,
     pub(super) from: f64,
     pub(super) to: f64,
-    /// How many labels about.
+    /// The approximate number of tick labels.
     pub(super) ticks: usize,
-    /// Digits after the point.
+    /// The number of decimal digits.
     pub(super) digits: usize,
 }
 
 impl Axis {
-    /// An axis that holds all `values` with a little room.
+    /// Creates an axis that contains all `values` with a small margin.
     pub(super) fn around(label: &str, values: impl Iterator<Item = f64>, digits: usize) -> Self {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
             (low.min(x), high.max(x))
@@ -120,7 +120,7 @@ impl Axis {
         }
     }
 
-    /// From zero.
+    /// Makes the axis start at zero.
     pub(super) fn with_zero(self) -> Self {
         Self { from: 0.0, ..self }
     }
@@ -136,12 +136,12 @@ pub(super) struct Panel {
     pub(super) legend: SeriesLabelPosition,
 }
 
-/// Panels side by side, row by row.
+/// Several panels, row by row.
 #[derive(Clone, Debug)]
 pub(super) struct Figure {
     pub(super) panels: Vec<Panel>,
     pub(super) columns: usize,
-    /// Of a panel, pixels.
+    /// The size of a panel, pixels.
     pub(super) size: (u32, u32),
 }
 
@@ -154,10 +154,10 @@ const TEXT: u32 = 13;
 const MARK: i32 = 4;
 
 impl Figure {
-    /// The drawing.
+    /// Draws the figure.
     ///
     /// # Errors
-    /// What the plotting crate refuses, in one line.
+    /// Returns the error of the plotting crate in one line.
     pub(super) fn to_svg(&self) -> Result<String, String> {
         let rows = self.panels.len().div_ceil(self.columns);
         let size = (self.size.0 * self.columns as u32, self.size.1 * rows as u32);
@@ -282,7 +282,7 @@ impl Series {
     }
 }
 
-/// A marker at a place; in the legend with a piece of its line.
+/// A marker at a position; in the legend with a piece of its line.
 struct Sign<C> {
     at: C,
     marker: Marker,
@@ -299,7 +299,7 @@ impl<'a, C: 'a> PointCollection<'a, C> for &'a Sign<C> {
     }
 }
 
-/// Length of the piece of line in the legend, pixels.
+/// The length of the piece of line in the legend, pixels.
 const SAMPLE: i32 = 30;
 
 impl<C, DB: DrawingBackend> Drawable<DB> for Sign<C> {

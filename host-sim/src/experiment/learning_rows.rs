@@ -1,4 +1,4 @@
-//! The rows that the trainer writes of learning curves, and to which training a row belongs.
+//! The rows of learning curves that the trainer writes, and the training that a row belongs to.
 
 use serde::Deserialize;
 
@@ -6,7 +6,7 @@ use super::cell::Training;
 
 /// Table I's learning rate, as the trainer takes it.
 pub(super) const TABLE_ONE_RATE: &str = "1e-4";
-/// Table I's discount.
+/// Table I's discount factor.
 const DISCOUNT: f64 = 0.90;
 
 /// A row of the trainer's `learning_curves.csv`.
@@ -21,7 +21,7 @@ pub(super) struct LearningRow {
     pub(super) episodic_return: f64,
 }
 
-/// Whether rows of a training are among them.
+/// Returns whether `rows` contains rows of a training.
 pub(super) fn is_among(training: &Training, rows: &[LearningRow]) -> bool {
     let Ok(scenario) = training.cell.scenario() else {
         return false;
@@ -33,9 +33,10 @@ pub(super) fn is_among(training: &Training, rows: &[LearningRow]) -> bool {
 }
 
 impl LearningRow {
-    /// Whether the row is of a training of SAC at this rate on this mission.
+    /// Returns whether the row belongs to a training of SAC with this learning rate on this
+    /// mission.
     pub(super) fn is_of(&self, rate: f64, digest: &str) -> bool {
-        // The trainer's numbers are in single precision.
+        // The trainer's numbers have single precision.
         (self.learning_rate / rate - 1.0).abs() < 1e-6
             && (self.discount / DISCOUNT - 1.0).abs() < 1e-6
             && self.algorithm == "sac"
@@ -43,7 +44,7 @@ impl LearningRow {
     }
 }
 
-/// The number of a learning rate that is typed.
+/// Parses a learning rate.
 pub(super) fn rate_of(text: &str) -> f64 {
     text.parse().unwrap_or(f64::NAN)
 }

@@ -1,18 +1,18 @@
-//! The paper's Sec. VI again: every figure by name, each as a CSV file and an SVG drawing, what the
-//! paper claims of it, and whether these numbers show it.
+//! Reproduces Sec. VI of the paper: every figure by name as a CSV file and an SVG drawing, with the
+//! claims that the paper makes about it and whether these numbers support them.
 //!
-//! | room | what it owns |
+//! | module | contents |
 //! |---|---|
-//! | [`cell`] | the missions that are flown, the trainings that policies come from, their names |
+//! | [`cell`] | the missions that are flown, the trainings that produce policies, their names |
 //! | [`context`] | policies (shipped or trained now), certified bounds, flights |
 //! | [`totals`] | figures of total rates: `approaches`, `noise`, `strategies`, `mission-time` |
 //! | [`service`] | figures of single flights: trajectories, `schedule`, `data-per-user` |
 //! | [`convergence`] | learning curves |
-//! | [`claims`] | what is claimed, and the verdict |
+//! | [`claims`] | the claims and the verdicts |
 //! | [`report`] | `index.html`, `docs/results.md`, the table of `docs/bound.md` |
 //!
-//! A figure is measured once, into its CSV file; drawings, verdicts and reports are made from
-//! what stands there.
+//! A figure is measured once, into its CSV file; drawings, verdicts and reports are made from this
+//! file.
 
 pub mod cell;
 pub mod claims;
@@ -35,30 +35,30 @@ use claims::Claim;
 /// A figure of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Experiment {
-    /// Reward over episodes for several learning rates.
+    /// The reward over the episodes for several learning rates.
     Convergence,
-    /// Paths of SAC for several thresholds, Topo.1.
+    /// Trajectories of SAC for several thresholds, Topo.1.
     TrajectoriesSeparated,
-    /// Paths of SAC for several thresholds, Topo.2.
+    /// Trajectories of SAC for several thresholds, Topo.2.
     TrajectoriesMixed,
-    /// Paths of SAC, DDPG and the straight line.
+    /// Trajectories of SAC, DDPG and the straight line.
     TrajectoriesCompared,
-    /// What every user has sent, over the threshold.
+    /// The data that every user has sent, over the threshold.
     DataPerUser,
-    /// Who is served when.
+    /// The served user of every slot.
     Schedule,
-    /// Total rates of all approaches over the threshold.
+    /// The total rates of all approaches over the threshold.
     Approaches,
-    /// Total rates at two noise powers.
+    /// The total rates at two noise powers.
     Noise,
-    /// Total rates with something held fixed, over the threshold.
+    /// The total rates with one quantity held fixed, over the threshold.
     Strategies,
-    /// Total rates over the mission time.
+    /// The total rates over the mission time.
     MissionTime,
 }
 
 impl Experiment {
-    /// All, in the paper's order.
+    /// All figures, in the paper's order.
     pub const ALL: [Self; 10] = [
         Self::Convergence,
         Self::TrajectoriesSeparated,
@@ -72,7 +72,7 @@ impl Experiment {
         Self::MissionTime,
     ];
 
-    /// Its name on the command line, and its files' stem.
+    /// Returns the name on the command line, which is also the stem of the files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Convergence => "convergence",
@@ -88,7 +88,7 @@ impl Experiment {
         }
     }
 
-    /// What it shows, and the label of the paper's figure.
+    /// Returns the title, with the label of the paper's figure.
     pub fn title(self) -> &'static str {
         match self {
             Self::Convergence => "Return over episodes for four learning rates (fig:conver_r)",
@@ -104,10 +104,10 @@ impl Experiment {
         }
     }
 
-    /// Measures it and writes `NAME.csv`.
+    /// Measures the figure and writes `NAME.csv`.
     ///
     /// # Errors
-    /// What is missing or fails, in one line.
+    /// Returns a message of one line if something is missing or fails.
     pub fn measure(self, context: &mut ExperimentContext<'_>) -> Result<(), String> {
         let path = self.csv(&context.settings().out);
         match self {
@@ -123,10 +123,10 @@ impl Experiment {
         }
     }
 
-    /// Draws what `NAME.csv` in a directory holds.
+    /// Draws the contents of `NAME.csv` in a directory.
     ///
     /// # Errors
-    /// A file that is missing or has other columns, in one line.
+    /// Returns a message of one line if the file is missing or has other columns.
     pub fn draw(self, directory: &Path) -> Result<String, String> {
         let path = self.csv(directory);
         let figure = match self {
@@ -143,10 +143,11 @@ impl Experiment {
         figure.to_svg()
     }
 
-    /// What the paper claims of it, beside what `NAME.csv` in a directory says.
+    /// Returns the paper's claims about the figure with the verdicts from `NAME.csv` in a
+    /// directory.
     ///
     /// # Errors
-    /// A file that is missing or has other columns, in one line.
+    /// Returns a message of one line if the file is missing or has other columns.
     pub fn claims(self, directory: &Path) -> Result<Vec<Claim>, String> {
         let path = self.csv(directory);
         Ok(match self {
@@ -164,25 +165,25 @@ impl Experiment {
         })
     }
 
-    /// Its CSV file in a directory.
+    /// Returns the path of the CSV file in a directory.
     pub fn csv(self, directory: &Path) -> std::path::PathBuf {
         directory.join(format!("{}.csv", self.name()))
     }
 }
 
-/// Told what is being done, from any thread.
+/// Receives progress messages, from any thread.
 pub trait Watcher: Sync + Debug {
-    /// This has begun.
+    /// Reports that a task has begun.
     fn busy(&self, what: &str);
 }
 
-/// Watches nothing.
+/// Ignores all messages.
 impl Watcher for () {
     fn busy(&self, _: &str) {}
 }
 
-/// To a millionth: flights repeat to the last digits only on machines with the same vector
-/// instructions.
+/// Rounds to a millionth: flights are reproducible to the last digit only on machines with the same
+/// vector instructions.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }

@@ -1,6 +1,5 @@
-//! What is written of all figures together: `index.html`, `docs/results.md`, the table of
-//! `docs/bound.md`, the cards of shipped policies. Everything comes from the CSV files and from
-//! the policies themselves.
+//! The reports on all figures: `index.html`, `docs/results.md`, the table of `docs/bound.md` and
+//! the cards of shipped policies. Everything is derived from the CSV files and from the policies.
 
 use std::{
     fmt::{Display, Write as _},
@@ -22,19 +21,20 @@ use figures::{
     markup::{Element, element},
 };
 
-/// Draws a figure beside its CSV file, as `NAME.svg`.
+/// Draws a figure next to its CSV file, as `NAME.svg`.
 ///
 /// # Errors
-/// A CSV file that is missing, a directory that cannot be written.
+/// Returns an error if the CSV file is missing or the directory cannot be written.
 pub fn write_drawing(experiment: Experiment, directory: &Path) -> Result<(), String> {
     let svg = experiment.draw(directory)?;
     table::write_text(&directory.join(format!("{}.svg", experiment.name())), &svg)
 }
 
-/// `index.html` of all figures: self-contained, each with what the paper claims and the verdict.
+/// Writes `index.html` with all figures: self-contained, each with the paper's claims and the
+/// verdicts.
 ///
 /// # Errors
-/// A CSV file that is missing, a directory that cannot be written.
+/// Returns an error if a CSV file is missing or the directory cannot be written.
 pub fn write_index(directory: &Path) -> Result<(), String> {
     let head = element("head")
         .with(element("meta").set("charset", "utf-8"))
@@ -70,7 +70,7 @@ const STYLE: &str = "body{max-width:68rem;margin:2rem auto;padding:0 1rem;font:1
                      h2{margin-top:3rem}dt{margin-top:.8rem}dd{margin-left:1.5rem}\
                      b{display:inline-block;min-width:4.5rem}";
 
-/// A claim with its verdict, and what was measured.
+/// Returns a claim with its verdict, and the measured numbers.
 fn entries(claim: Claim) -> [Element; 2] {
     [
         element("dt")
@@ -80,26 +80,26 @@ fn entries(claim: Claim) -> [Element; 2] {
     ]
 }
 
-/// A drawing that shrinks with the page; its size becomes its view.
+/// Returns a drawing that scales with the page: its size becomes its view box.
 fn inline(svg: &str, name: &str) -> Element {
     let start = svg.find("<svg").unwrap_or(0);
     let label = format!("<svg role=\"img\" aria-label=\"{name}\"");
     element("figure").verbatim(svg[start..].replacen("<svg", &label, 1))
 }
 
-/// `docs/results.md` from the CSV files in `directory`.
+/// Writes `docs/results.md` from the CSV files in `directory`.
 ///
 /// # Errors
-/// A CSV file that is missing, a file that cannot be written.
+/// Returns an error if a CSV file is missing or the file cannot be written.
 pub fn write_results(directory: &Path, path: &Path) -> Result<(), String> {
     let figures = relative(path.parent().unwrap_or(Path::new("")), directory);
     table::write_text(path, &results(directory, &figures)?)
 }
 
-/// The page of results, with links to the drawings that start with `figures`.
+/// Returns the page of results, with links to the drawings that start with `figures`.
 ///
 /// # Errors
-/// A CSV file that is missing.
+/// Returns an error if a CSV file is missing.
 pub fn results(directory: &Path, figures: &str) -> Result<String, String> {
     let mut claims = Vec::new();
     for experiment in Experiment::ALL {
@@ -163,7 +163,7 @@ const COMPARED: [Approach; 5] = [
     Approach::StraightLine,
 ];
 
-/// Every approach as a fraction of the certified bound.
+/// Returns a table of every approach as a fraction of the certified bound.
 fn optimality(rows: &[TotalRow]) -> String {
     let mut text = String::from(
         "\n## Optimality\n\nTotal rates, and in brackets the fraction of the certified bound \
@@ -211,7 +211,7 @@ fn rate(row: &TotalRow) -> String {
     }
 }
 
-/// Totals of a figure: a line per mission, a column per approach.
+/// Returns a table of the totals of a figure: a row per mission, a column per approach.
 fn totals(rows: &[TotalRow]) -> String {
     let mut approaches: Vec<Approach> = Vec::new();
     for row in rows {
@@ -253,7 +253,8 @@ fn totals(rows: &[TotalRow]) -> String {
     text
 }
 
-/// From one directory to another, with a slash at the end; empty for the same.
+/// Returns the relative path from one directory to another, with a slash at the end; empty if they
+/// are the same.
 fn relative(from: &Path, to: &Path) -> String {
     let parts = |path: &Path| -> Vec<String> {
         let named = path.components().filter(|part| *part != Component::CurDir);
@@ -268,10 +269,10 @@ fn relative(from: &Path, to: &Path) -> String {
     up.chain(down).map(|part| format!("{part}/")).collect()
 }
 
-/// Puts the table of bounds between the marks of a page.
+/// Writes the table of bounds between the markers of a page.
 ///
 /// # Errors
-/// A page that cannot be read, has no marks `bounds`, or cannot be written.
+/// Returns an error if the page cannot be read, has no markers `bounds`, or cannot be written.
 pub fn write_bounds(rows: &[BoundRow], path: &Path) -> Result<(), String> {
     let mut body = String::from(
         "| scenario | T, s | noise, dBm | Gamma | upper | lower | gap | seconds | processor s |\n\
@@ -295,11 +296,12 @@ pub fn write_bounds(rows: &[BoundRow], path: &Path) -> Result<(), String> {
     document::write_table(path, "bounds", &body)
 }
 
-/// The card of all policies of the figures' cells that are there: how each was made, and what it
-/// comes to when it is flown.
+/// Writes the card of all available policies of the figures' cells: how each was trained, and its
+/// result when it is flown.
 ///
 /// # Errors
-/// A policy that does not load, fit or fly, a file that cannot be written.
+/// Returns an error if a policy cannot be loaded, does not fit or cannot be flown, or if a file
+/// cannot be written.
 pub fn write_cards(context: &mut ExperimentContext<'_>, path: &Path) -> Result<(), String> {
     let mut text = String::from(
         "# Policies of the figures\n\n\

@@ -1,5 +1,5 @@
-//! Figures of single flights: where they go, whom they serve when, what each user has sent.
-//! Every flight is that of seed 1.
+//! Figures of single flights: the trajectory, the served user of each slot, and the data that each
+//! user has sent. Every flight is that of seed 1.
 
 mod verdicts;
 
@@ -26,45 +26,45 @@ pub(super) use verdicts::{
 /// A slot of a flight.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SlotRow {
-    /// Of the mission.
+    /// The topology of the mission.
     pub topology: Topology,
     /// `Gamma`.
     pub mse_threshold: f64,
-    /// Who decided.
+    /// The approach that was flown.
     pub approach: Approach,
-    /// From 1.
+    /// The slot, from 1.
     pub slot: u32,
-    /// Where the vehicle was at the slot's end, metres.
+    /// The position of the vehicle at the end of the slot, east, metres.
     pub east_m: f64,
-    /// Where the vehicle was at the slot's end, metres.
+    /// The position of the vehicle at the end of the slot, north, metres.
     pub north_m: f64,
-    /// Who was served, from 1 as in the paper. A slot in which nobody was has no row: on the ideal
-    /// vehicle, whose channels are known, none.
+    /// The served user, from 1 as in the paper. A slot in which no user was served has no row; with
+    /// the ideal vehicle, whose channels are known, there is no such slot.
     pub user: usize,
-    /// bit/s/Hz.
+    /// The rate, bit/s/Hz.
     pub rate: f64,
-    /// How many users had not had their quota yet, this one included.
+    /// The number of users that had not reached their quota yet, including the served one.
     pub open_users: usize,
-    /// How many of them were nearer.
+    /// The number of these users that were nearer than the served one.
     pub nearer_users: usize,
 }
 
-/// What a user has sent in a flight.
+/// The data that a user has sent in a flight.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DataRow {
-    /// Of the mission.
+    /// The topology of the mission.
     pub topology: Topology,
     /// `Gamma`.
     pub mse_threshold: f64,
-    /// From 1.
+    /// The user, from 1.
     pub user: usize,
-    /// In which it was served.
+    /// The number of slots in which the user was served.
     pub slots: u32,
-    /// bit/Hz: rates times slot duration.
+    /// The data, bit/Hz: the sum of the rates times the slot duration.
     pub data: f64,
 }
 
-/// The flights of a figure.
+/// Returns the flights of a figure.
 fn flights(experiment: Experiment) -> Vec<(Cell, Approach)> {
     let over = |topology: Topology, thresholds: &[f64], approach: Approach| -> Vec<_> {
         let cell = Cell::table_one(topology);
@@ -126,7 +126,7 @@ fn fly(
     Ok(flown)
 }
 
-/// The slots of all flights of a figure.
+/// Returns the slots of all flights of a figure.
 pub(super) fn measure(
     experiment: Experiment,
     context: &mut ExperimentContext<'_>,
@@ -163,7 +163,7 @@ pub(super) fn measure(
     Ok(rows)
 }
 
-/// What each user has sent in all flights of `data-per-user`.
+/// Returns the data that each user has sent in all flights of `data-per-user`.
 pub(super) fn measure_data(context: &mut ExperimentContext<'_>) -> Result<Vec<DataRow>, String> {
     let mut rows = Vec::new();
     for (cell, _, record) in fly(Experiment::DataPerUser, context)? {
@@ -180,7 +180,7 @@ pub(super) fn measure_data(context: &mut ExperimentContext<'_>) -> Result<Vec<Da
     Ok(rows)
 }
 
-/// Rows that belong to one flight.
+/// Returns the rows that belong to one flight.
 fn flight_of(rows: &[SlotRow], cell: Cell, approach: Approach) -> Vec<&SlotRow> {
     let belongs = |row: &&SlotRow| {
         row.topology == cell.topology
@@ -194,7 +194,7 @@ const USERS: Look = look(Marker::Triangle, Line::None, [90, 90, 90]);
 const SENSORS: Look = look(Marker::Dot, Line::None, [150, 150, 150]);
 const ENDS: Look = look(Marker::Diamond, Line::None, [0, 0, 0]);
 
-/// Users, sensors, start and destination.
+/// Returns the users, the sensors, the start and the destination.
 fn ground(mission: &HostMission) -> Vec<Series> {
     let p = mission.parameters();
     let place = |place: &Position<f64>| (place.x, place.y);
@@ -213,7 +213,7 @@ fn ground(mission: &HostMission) -> Vec<Series> {
     ]
 }
 
-/// Paths over the ground.
+/// Draws the trajectories on a map.
 pub(super) fn map(experiment: Experiment, rows: &[SlotRow]) -> Result<Figure, String> {
     let mut panels = Vec::new();
     for topology in Topology::ALL {
@@ -268,7 +268,7 @@ pub(super) fn map(experiment: Experiment, rows: &[SlotRow]) -> Result<Figure, St
     })
 }
 
-/// Users over slots.
+/// Draws the served users over the slots.
 pub(super) fn timeline(rows: &[SlotRow]) -> Figure {
     let users = rows.iter().map(|row| row.user).max().unwrap_or(1) as f64;
     let slots = rows.iter().map(|row| row.slot).max().unwrap_or(1);
@@ -316,7 +316,7 @@ pub(super) fn timeline(rows: &[SlotRow]) -> Figure {
     }
 }
 
-/// What users have sent, a series per threshold.
+/// Draws the data of the users, with one series per threshold.
 pub(super) fn data_figure(rows: &[DataRow]) -> Figure {
     let users = rows.iter().map(|row| row.user).max().unwrap_or(1) as f64;
     let most = rows.iter().map(|row| row.data);
@@ -328,7 +328,7 @@ pub(super) fn data_figure(rows: &[DataRow]) -> Figure {
             Series::new(format!("Gamma {threshold:.3}"), look, points.collect())
         });
         let mut series: Vec<Series> = series.collect();
-        // The loosest threshold is on top, in the drawing and so in the legend.
+        // The loosest threshold is on top in the drawing, and therefore also in the legend.
         series.reverse();
         Panel {
             title: format!("SAC, {}", topology.title()),

@@ -1,4 +1,4 @@
-//! Mean and 95 % interval of a few runs.
+//! The mean and the 95 % confidence interval of a few runs.
 
 /// Two-sided 95 % quantiles of Student's t for 1, 2, .. degrees of freedom.
 const STUDENT_95: [f64; 15] = [
@@ -6,12 +6,12 @@ const STUDENT_95: [f64; 15] = [
     2.145, 2.131,
 ];
 
-/// The mean; NaN of nothing.
+/// Returns the mean; NaN if there are no values.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Standard deviation of the values as a sample; `None` of fewer than two.
+/// Returns the sample standard deviation; `None` for fewer than two values.
 pub fn deviation(values: &[f64]) -> Option<f64> {
     if values.len() < 2 {
         return None;
@@ -21,8 +21,10 @@ pub fn deviation(values: &[f64]) -> Option<f64> {
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
-/// Half the width of the mean's 95 % interval, if the values are normal; `None` of fewer than
-/// three, as that of two is nine deviations wide and says nothing. Beyond 16 values the quantile of 15 degrees of freedom is used, which is too wide.
+/// Returns half the width of the mean's 95 % confidence interval, assuming normally distributed
+/// values; `None` for fewer than three values, because the interval of two is nine standard
+/// deviations wide and carries no information. Beyond 16 values the quantile of 15 degrees of
+/// freedom is used, which makes the interval too wide.
 pub fn half_width_95(values: &[f64]) -> Option<f64> {
     if values.len() < 3 {
         return None;

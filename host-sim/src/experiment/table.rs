@@ -1,18 +1,18 @@
-//! CSV files in and out, whole or not at all.
+//! Reads and writes CSV files. A file is either written completely or not at all.
 
 use std::{fmt::Display, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
 
-/// The problem with the file in front.
+/// Returns the problem with the name of the file before it.
 pub(crate) fn named(path: &Path, problem: impl Display) -> String {
     format!("{}: {problem}", path.display())
 }
 
-/// All rows of a file.
+/// Returns all rows of a file.
 ///
 /// # Errors
-/// A file that cannot be read, has other columns or no rows, in one line.
+/// Returns a message of one line if the file cannot be read or has other columns or no rows.
 pub fn read<Row: DeserializeOwned>(path: &Path) -> Result<Vec<Row>, String> {
     let mut reader = csv::Reader::from_path(path).map_err(|error| named(path, error))?;
     let rows: Result<Vec<Row>, _> = reader.deserialize().collect();
@@ -26,7 +26,7 @@ pub fn read<Row: DeserializeOwned>(path: &Path) -> Result<Vec<Row>, String> {
 /// Writes all rows.
 ///
 /// # Errors
-/// A file that cannot be written, in one line.
+/// Returns a message of one line if the file cannot be written.
 pub fn write<Row: Serialize>(path: &Path, rows: &[Row]) -> Result<(), String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -39,7 +39,7 @@ pub fn write<Row: Serialize>(path: &Path, rows: &[Row]) -> Result<(), String> {
 /// Writes a text.
 ///
 /// # Errors
-/// A file that cannot be written, in one line.
+/// Returns a message of one line if the file cannot be written.
 pub fn write_text(path: &Path, text: &str) -> Result<(), String> {
     write_bytes(path, text.as_bytes())
 }

@@ -1,4 +1,4 @@
-//! Figures of total rates: every approach on every mission of a figure.
+//! Figures of total rates: the result of every approach on every mission of a figure.
 
 mod verdicts;
 
@@ -26,32 +26,32 @@ pub(super) use verdicts::{
     claims_of_approaches, claims_of_mission_time, claims_of_noise, claims_of_strategies,
 };
 
-/// How a mission is decided, or what it is measured against.
+/// The policy and allocation of a mission, or a reference that it is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Approach {
-    /// SAC with the settings that were found best.
+    /// SAC with the best settings that were found.
     Sac,
     /// SAC with Table I's settings.
     SacTableOne,
     /// DDPG with Table I's settings.
     Ddpg,
-    /// Straight to the destination, the nearest admissible user.
+    /// Straight to the destination, serving the nearest admissible user.
     StraightLine,
-    /// The best mission known.
+    /// The best known mission.
     Search,
-    /// What no mission exceeds.
+    /// The certified upper bound of any mission.
     Bound,
-    /// Hovering over the middle of all nodes, the nearest admissible user.
+    /// Hovering over the centre of all nodes, serving the nearest admissible user.
     FixedPosition,
-    /// SAC's policy, users sending with full power or not at all.
+    /// SAC's policy; users send with full power or not at all.
     FixedUserPower,
-    /// SAC's policy, sensors sending with full power.
+    /// SAC's policy; sensors send with full power.
     FixedSensorPower,
 }
 
 impl Approach {
-    /// For legends and tables.
+    /// Returns the name for legends and tables.
     pub fn title(self) -> &'static str {
         match self {
             Self::Sac => "SAC",
@@ -66,7 +66,7 @@ impl Approach {
         }
     }
 
-    /// The same look in every figure.
+    /// Returns the appearance, which is the same in every figure.
     fn look(self) -> Look {
         LOOKS[match self {
             Self::Sac => 0,
@@ -78,7 +78,7 @@ impl Approach {
         }]
     }
 
-    /// What learns, if anything does.
+    /// Returns the learner of the approach, if it has one.
     fn learner(self) -> Option<Learner> {
         match self {
             Self::Sac | Self::FixedUserPower | Self::FixedSensorPower => Some(Learner::Sac),
@@ -100,7 +100,7 @@ impl Approach {
 /// A row of a figure's CSV file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TotalRow {
-    /// Of the mission.
+    /// The topology of the mission.
     pub topology: Topology,
     /// `T`, seconds.
     pub mission_time_s: u32,
@@ -108,19 +108,19 @@ pub struct TotalRow {
     pub noise_dbm: f64,
     /// `Gamma`.
     pub mse_threshold: f64,
-    /// Who decided.
+    /// The approach that was flown.
     pub approach: Approach,
-    /// Policies of different seeds that were flown.
+    /// The number of policies of different seeds that were flown.
     pub runs: usize,
-    /// Sum of the rates, bit/s/Hz, the mean over the runs.
+    /// The sum of the rates, bit/s/Hz, averaged over the runs.
     pub sum_rate: f64,
-    /// Half the width of its 95 % interval.
+    /// Half the width of its 95 % confidence interval.
     pub interval_95: Option<f64>,
-    /// The best run's.
+    /// The sum of the rates of the best run, bit/s/Hz.
     pub sum_rate_max: f64,
-    /// Slots in which `Gamma` was missed, the mean over the runs.
+    /// The number of slots in which `Gamma` was not met, averaged over the runs.
     pub missed_slots: f64,
-    /// Whether every run arrived, was fair and broke no limit.
+    /// Whether every run arrived, was fair and violated no limit.
     pub constraints_held: bool,
 }
 
@@ -133,7 +133,7 @@ impl TotalRow {
     }
 }
 
-/// The missions of a figure.
+/// Returns the missions of a figure.
 fn cells(experiment: Experiment) -> Vec<Cell> {
     let thresholds = |noise_dbm: f64| {
         Topology::ALL.into_iter().flat_map(move |topology| {
@@ -152,7 +152,7 @@ fn cells(experiment: Experiment) -> Vec<Cell> {
     }
 }
 
-/// The approaches of a figure, in the paper's order.
+/// Returns the approaches of a figure, in the paper's order.
 fn approaches(experiment: Experiment) -> &'static [Approach] {
     use Approach::{
         Bound, Ddpg, FixedPosition, FixedSensorPower, FixedUserPower, Sac, SacTableOne, Search,
@@ -173,7 +173,7 @@ struct FlightJob {
     policy: PolicyChoice,
 }
 
-/// Flies and certifies all that a figure shows.
+/// Flies and certifies everything that a figure shows.
 pub(super) fn measure(
     experiment: Experiment,
     context: &mut ExperimentContext<'_>,
@@ -275,7 +275,7 @@ fn total(cell: Cell, approach: Approach, flights: &[&Summary]) -> TotalRow {
     }
 }
 
-/// One panel per topology; for `approaches` per topology and noise power.
+/// Draws one panel per topology; for `approaches` one per topology and noise power.
 pub(super) fn figure(experiment: Experiment, rows: &[TotalRow]) -> Figure {
     let over_time = experiment == Experiment::MissionTime;
     let noises: &[Option<f64>] = match experiment {

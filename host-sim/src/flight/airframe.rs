@@ -1,5 +1,5 @@
-//! Which profile's limits the client plans with: the one that was given, or that of the autopilot
-//! that answers.
+//! Selects the profile whose limits the client plans with: the specified one, or that of the
+//! autopilot that answers.
 
 use firmware_core::autopilot::{Autopilot, guidance::Limits, profile::Firmware};
 use thiserror::Error;
@@ -8,7 +8,7 @@ use super::settings::autopilot_settings;
 use scenario::Scenario;
 use vehicle::Profile;
 
-/// The profile that was given is for another autopilot than the one that answers.
+/// The error of a specified profile that is for another autopilot than the one that answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error(
     "--profile {given} is for {}, but {} answers: without --profile its heartbeat decides",
@@ -16,13 +16,13 @@ use vehicle::Profile;
     heard.name()
 )]
 pub struct WrongProfile {
-    /// What was given.
+    /// The specified profile.
     pub given: Profile,
-    /// What the heartbeat says.
+    /// The firmware according to the heartbeat.
     pub heard: Firmware,
 }
 
-/// A profile that was given, or the one that the heartbeat names, with the limits of each.
+/// The specified profile, or the one that the heartbeat indicates, with the limits of each.
 #[derive(Clone, Debug)]
 pub struct ProfileChoice {
     given: Option<Profile>,
@@ -31,7 +31,7 @@ pub struct ProfileChoice {
 }
 
 impl ProfileChoice {
-    /// For a mission. Without a given profile the heartbeat decides.
+    /// Creates the choice for a mission. Without a specified profile the heartbeat decides.
     pub fn new(scenario: &Scenario, given: Option<Profile>) -> Self {
         let limits = |profile| (profile, autopilot_settings(scenario, profile).limits);
         Self {
@@ -41,8 +41,8 @@ impl ProfileChoice {
         }
     }
 
-    /// The profile of an autopilot that is flown without one being given. The heartbeat of the
-    /// built-in vehicle does not tell its airframe: the slower one's limits hold for both.
+    /// Returns the default profile of an autopilot. The heartbeat of the built-in vehicle does not
+    /// identify its airframe: the limits of the slower one are valid for both.
     pub fn of(firmware: Firmware) -> Profile {
         match firmware {
             Firmware::Generic => Profile::Multirotor,
@@ -51,11 +51,11 @@ impl ProfileChoice {
         }
     }
 
-    /// As soon as the client has heard its autopilot, gives it the limits of the profile. Returns
-    /// the profile, once.
+    /// As soon as the client has received a heartbeat of its autopilot, gives it the limits of the
+    /// profile. Returns the profile once.
     ///
     /// # Errors
-    /// The profile that was given is for another autopilot.
+    /// Returns an error if the specified profile is for another autopilot.
     pub fn settle(&mut self, client: &mut Autopilot<f64>) -> Result<Option<Profile>, WrongProfile> {
         let Some((_, heard)) = client.vehicle().filter(|_| self.settled.is_none()) else {
             return Ok(None);
@@ -67,7 +67,7 @@ impl ProfileChoice {
         }
         self.settled = Some(profile);
         if let Some((_, limits)) = self.limits.iter().find(|(known, _)| *known == profile) {
-            // A profile's limits are above zero.
+            // The limits of a profile are positive.
             let _ = client.set_limits(*limits);
         }
         Ok(Some(profile))

@@ -1,4 +1,4 @@
-//! Time: simulated with the built-in vehicle, the clock's with any other.
+//! The time of a flight: simulated with the built-in vehicle, real with any other.
 
 use std::{
     io,
@@ -10,8 +10,8 @@ use firmware_core::time::{Duration, Instant};
 
 use super::{peer::Peer, settings::Pace};
 
-/// The longest sleep: at a slow pace a step takes long, and a person who asks for the end does not
-/// wait for it.
+/// The longest sleep: with a small real-time factor a step takes long, and a user who asks for the
+/// end must not have to wait for it.
 const NAP: WallDuration = WallDuration::from_millis(200);
 
 /// One step of simulated time.
@@ -38,13 +38,13 @@ impl Clock {
         self.now
     }
 
-    /// The time that has passed on the wall, at this pace.
+    /// Returns the time that has passed on the wall clock, multiplied by the real-time factor.
     fn wall(&self) -> Instant {
         let passed_s = self.begun.elapsed().as_secs_f64() * self.pace.factor();
         Instant::ZERO + Duration::from_secs_f64(passed_s)
     }
 
-    /// To the next look: a tick further, or when something came from the vehicle.
+    /// Advances to the next poll: by one tick, or until something was received from the vehicle.
     pub(super) fn advance(&mut self, peer: &mut Peer) -> io::Result<()> {
         if peer.is_built_in() {
             let next = self.now + TICK;

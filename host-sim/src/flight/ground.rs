@@ -1,4 +1,4 @@
-//! The ground's end of the link: answers arrivals with channel state, does what is commanded.
+//! The ground's end of the link: answers arrivals with channel states and executes commands.
 
 use firmware_core::{
     Position, SENSORS_MAX, Scalar, USERS_MAX,
@@ -14,11 +14,11 @@ use crate::{
     world::{HostChannelState, HostSlotCommand, World},
 };
 
-/// A channel state as a frame.
+/// Encodes a channel state as a frame.
 fn encode<T: Scalar>(state: &ChannelState<T, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
     let message = Message::ChannelState(state.clone());
     let mut frame = [0; FRAME_MAX];
-    // Every message fits: `encode` does not compile where one could be too long.
+    // Every message fits: `encode` does not compile if one could be too long.
     link::encode(&message, &mut frame).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
 }
 
@@ -28,15 +28,15 @@ pub(super) struct Ground {
     world: World,
     method: Method<f64>,
     decoder: Decoder,
-    /// The slot whose command is awaited, and where the vehicle truly is.
+    /// The slot whose command is awaited, and the true position of the vehicle.
     arrival: Option<(Arrival<f64>, Position<f64>)>,
     slots: Vec<SlotRecord>,
-    /// Counted here; the ground's own counters are the decoder's.
+    /// The counters of the ground except for those of the decoder.
     link: LinkRecord,
 }
 
 impl Ground {
-    /// `method` is what the vehicle allocates with.
+    /// Creates a ground station; `method` is the method with which the vehicle allocates.
     pub(super) fn new(world: World, method: Method<f64>) -> Self {
         Self {
             world,
@@ -48,7 +48,7 @@ impl Ground {
         }
     }
 
-    /// What came over the link, and what did not.
+    /// Returns the counters of received and lost messages.
     pub(super) fn link(&self) -> LinkRecord {
         LinkRecord {
             ground: *self.decoder.counters(),
@@ -68,9 +68,9 @@ impl Ground {
         self.slots
     }
 
-    /// Takes bytes from the vehicle and returns those that go up to it. `truth` says where the
-    /// vehicle was at a moment of its clock; where that is not known, the position that it
-    /// measured counts.
+    /// Takes bytes from the vehicle and returns the bytes to send to it. `truth` returns the
+    /// position of the vehicle at a time of its clock; if that is unknown, the position that the
+    /// vehicle measured is used.
     pub(super) fn receive(
         &mut self,
         bytes: &[u8],
@@ -92,7 +92,7 @@ impl Ground {
         uplink
     }
 
-    /// As [`receive`](Self::receive), with a vehicle that computes in single precision.
+    /// Does the same as [`receive`](Self::receive) for a vehicle that computes in single precision.
     pub(super) fn receive_single(
         &mut self,
         bytes: &[u8],
@@ -116,7 +116,8 @@ impl Ground {
         uplink
     }
 
-    /// The channels of the slot that the vehicle has flown; `None` if it has had its command.
+    /// Returns the channels of the slot that the vehicle has flown; `None` if its command was
+    /// already received.
     fn answer(
         &mut self,
         arrival: &Arrival<f64>,
@@ -131,7 +132,7 @@ impl Ground {
             return None;
         }
         let position = match self.arrival {
-            // Asked again: the same answer.
+            // A repeated request gets the same answer.
             Some((known, position)) if known == *arrival => {
                 self.link.repeated += 1;
                 position
@@ -149,7 +150,7 @@ impl Ground {
         self.slots.last().is_some_and(|last| last.slot >= slot)
     }
 
-    /// Users and sensors transmit; the slot is recorded.
+    /// Makes users and sensors transmit, and records the slot.
     fn obey(&mut self, command: &HostSlotCommand) {
         let served = command.served_user;
         if !self.world.has_slot(command.slot) || served.is_some_and(|m| !self.world.has_user(m)) {
@@ -162,7 +163,7 @@ impl Ground {
         }
         let about_this = |(arrival, _): &mut (Arrival<f64>, _)| arrival.plan.slot == command.slot;
         let Some((arrival, position)) = self.arrival.take_if(about_this) else {
-            // Where the vehicle was is not known.
+            // The position of the vehicle is not known.
             self.link.slots_missed += 1;
             return;
         };
@@ -216,7 +217,7 @@ mod tests {
         link::encode(message, &mut buffer).expect("fits").to_vec()
     }
 
-    /// An arrival and a command of slot 1 as a sound vehicle says them.
+    /// Returns an arrival and a command of slot 1 as a correct vehicle sends them.
     fn slot_one(scenario: &Scenario) -> (Arrival<f64>, SlotCommand<f64, SENSORS_MAX>) {
         let mission = &scenario.mission;
         let mut controller = Controller::new(mission.clone(), StraightLine::new(mission));
@@ -233,8 +234,8 @@ mod tests {
         (arrival, command)
     }
 
-    /// What is at the end of a socket may say anything: slots and users that the mission does not
-    /// have are counted, and nothing comes of them.
+    /// The other end of a socket may send anything: slots and users that the mission does not have
+    /// are counted and otherwise ignored.
     #[test]
     fn a_board_that_talks_nonsense_is_counted_and_ignored() {
         let scenario = generate(Topology::Mixed, 2, 3, 5).expect("a scenario");
@@ -268,7 +269,7 @@ mod tests {
             (ground.link().nonsense, ground.link().slots_missed),
             (said, 0)
         );
-        // And the right command still comes through.
+        // A valid command is still accepted.
         say(&mut ground, Message::Command(command));
         assert_eq!(ground.slots().len(), 1);
     }

@@ -40,14 +40,15 @@ use super::{
     stopwatch::Stopwatch,
 };
 
-/// How long parameters may take to be put back once the flight is over and the motors stand still.
+/// The longest time that restoring the parameters may take once the flight is over and the motors
+/// have stopped.
 const RESTORE_PATIENCE: Duration = Duration::from_secs(30);
 
-/// How long a second ctrl-C leaves for putting parameters back: of the flight's time and of ours,
-/// whichever is over first.
+/// The time that a second ctrl-C leaves for restoring the parameters: of the flight's clock and of
+/// the wall clock, whichever is over first.
 const END_PATIENCE: WallDuration = WallDuration::from_secs(3);
 
-/// Which of our links signs frames.
+/// The link id of the frames that we sign.
 const SIGNING_LINK: u8 = 1;
 
 type HostOnboard<P> = Onboard<f64, P, USERS_MAX, SENSORS_MAX>;
@@ -55,7 +56,7 @@ type HostOnboard<P> = Onboard<f64, P, USERS_MAX, SENSORS_MAX>;
 /// Flies `scenario` under `policy` with the vehicle at the other end of `peer`.
 ///
 /// # Errors
-/// Settings that do not fit, a link that fails, a mission that was broken off.
+/// Returns an error if the settings are invalid, a link fails, or the mission was aborted.
 pub fn fly<P: Policy<f64, USERS_MAX>>(
     scenario: &Scenario,
     policy: P,
@@ -81,7 +82,7 @@ pub fn fly<P: Policy<f64, USERS_MAX>>(
     outcome_with_record(outcome, connected, flight.record(scenario, settings))
 }
 
-/// A mission under way.
+/// A mission in progress.
 struct Flight<P> {
     onboard: HostOnboard<P>,
     ground: Ground,
@@ -91,24 +92,25 @@ struct Flight<P> {
     path: Vec<PathSample>,
     profile: Profile,
     profile_choice: ProfileChoice,
-    /// When slot 1 began.
+    /// The start of slot 1.
     started: Option<Instant>,
-    /// When the flight was over.
+    /// The end of the flight.
     ended: Option<Instant>,
     reasons: Reasons,
-    /// What is changed in the vehicle; `None` where it is part of this process.
+    /// The changed parameters of the vehicle; `None` if the vehicle is part of this process.
     journal: Option<ParameterJournal>,
-    /// What an earlier run left changed has been seen to.
+    /// The parameters that an earlier run left changed have been processed.
     journal_read: bool,
-    /// Why the journal could not be written.
+    /// The reason why the journal could not be written.
     journal_failed: Option<String>,
-    /// The first ctrl-C has been acted upon.
+    /// The first ctrl-C has been processed.
     stop_asked: bool,
-    /// A second ctrl-C came: when we leave, in the flight's time and in ours.
+    /// The time at which we leave after a second ctrl-C, on the flight's clock and on the wall
+    /// clock.
     leave_at: Option<(Instant, WallInstant)>,
-    /// Since the flight was over: when the motors were first seen to stand still.
+    /// The time at which the motors were first found stopped after the flight was over.
     disarmed: Option<Instant>,
-    /// It has been said that the vehicle must be disarmed first.
+    /// The message that the vehicle must be disarmed first was shown.
     wait_said: bool,
 }
 
@@ -159,7 +161,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         })
     }
 
-    /// Until the vehicle has landed or can no longer be flown.
+    /// Runs until the vehicle has landed or can no longer be flown.
     fn run(&mut self, peer: &mut Peer, observer: &mut impl Observer) -> Result<(), FlightError> {
         self.onboard.autopilot_mut().launch(self.clock.now());
         loop {
@@ -188,8 +190,8 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         }
     }
 
-    /// Does what ctrl-C asks for. The first lands the vehicle, or ends at once where nothing is
-    /// left to wait for; the second puts parameters back if that is soon done, and leaves.
+    /// Processes ctrl-C. The first one lands the vehicle, or ends at once if there is nothing left
+    /// to wait for; the second one restores the parameters if that takes little time, and leaves.
     fn heed_stop(
         &mut self,
         now: Instant,
@@ -200,7 +202,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             self.stop_asked = true;
             let client = self.onboard.autopilot_mut();
             if client.phase().is_final() {
-                return Ok(()); // what is still awaited ends in `is_tidy`
+                return Ok(()); // `is_tidy` ends the remaining waits
             }
             let silent = client.is_link_silent(now);
             client.stop(now);
@@ -242,9 +244,10 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         })
     }
 
-    /// Nothing is left to do after the flight: its reason was heard, and parameters that were set
-    /// are put back, or that was given up and said. A vehicle that somebody else flies is waited
-    /// for, however long, because only what is disarmed is changed.
+    /// Returns whether nothing is left to do after the flight: its reason was received, and the
+    /// parameters that were set are restored, or restoring them was abandoned and reported. If
+    /// someone else flies the vehicle, this waits without limit, because parameters are only
+    /// changed while the vehicle is disarmed.
     fn is_tidy(&mut self, now: Instant, peer: &Peer, observer: &mut impl Observer) -> bool {
         let ended = *self.ended.get_or_insert(now);
         let client = self.onboard.autopilot();
@@ -259,7 +262,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             return true;
         }
         let given_up = if peer.is_built_in() {
-            // It ends with us, and its parameters with it.
+            // The built-in vehicle ends with this process, and its parameters with it.
             now.duration_since(ended) > RESTORE_PATIENCE
         } else if client.is_link_dead(now) {
             true
@@ -286,8 +289,8 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         given_up
     }
 
-    /// Has what an earlier run left changed put back first, and writes down what is about to be
-    /// changed, before the message that changes it goes out.
+    /// Makes the client first restore the parameters that an earlier run left changed, and records
+    /// each change before the message that makes it is sent.
     fn keep_journal(
         &mut self,
         now: Instant,
@@ -329,7 +332,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         Ok(())
     }
 
-    /// Says where what was not put back is kept.
+    /// Reports the file that contains the parameters that were not restored.
     fn say_what_is_left(&self, observer: &mut impl Observer) {
         if let Some(journal) = self.journal.as_ref().filter(|journal| !journal.is_empty()) {
             observer.duty(&format!(
@@ -341,7 +344,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         }
     }
 
-    /// Carries frames both ways until all is said.
+    /// Carries frames in both directions until no more are pending.
     fn exchange(
         &mut self,
         now: Instant,
@@ -374,14 +377,14 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
                 }
             }
             if quiet {
-                // What was sent last may have ended the flight.
+                // The last messages may have ended the flight.
                 self.onboard.poll(now, &mut self.stopwatch);
                 return Ok(());
             }
         }
     }
 
-    /// The vehicle's path from the start of slot 1 to the end of slot N.
+    /// Records the vehicle's path from the start of slot 1 to the end of slot N.
     fn note_path(&mut self, now: Instant, peer: &Peer) {
         if !matches!(self.onboard.stage(), Stage::Flying | Stage::Measuring) {
             return;
@@ -432,7 +435,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
         Err(self.broken_off(now, peer))
     }
 
-    /// The end before the end, with its true cause.
+    /// Returns the error of a flight that was aborted, with its true cause.
     fn broken_off(&self, now: Instant, peer: &Peer) -> FlightError {
         let autopilot = self.onboard.autopilot();
         let refusal = autopilot.refusal().map(|refusal| refusal.to_string());

@@ -4,9 +4,9 @@
 //!   World <- Ground  <-- postcard frames -->  Onboard  <-- MAVLink 2 frames -->  vehicle
 //! ```
 //!
-//! Both links carry encoded bytes even when both ends live in this process. With the built-in
-//! vehicle time is simulated, in steps of 10 ms, as fast as it computes or at a pace; with any
-//! other it is the clock's.
+//! Both links carry encoded bytes even if both ends are in this process. With the built-in vehicle
+//! time is simulated in steps of 10 ms, as fast as possible or with a real-time factor; with any
+//! other vehicle it is real time.
 
 mod airframe;
 pub mod board;

@@ -1,39 +1,40 @@
-//! The observer of a flight: it shows what happens, and may ask for the end.
+//! The observer of a flight: it displays events and may ask for the end.
 
 use crate::record::{FlightEvent, SlotRecord};
 
-/// What happens while a mission is flown, for whoever shows it.
+/// Receives the events of a flight for display. Every method has a default.
 pub trait Observer {
-    /// A slot is done.
+    /// Called when a slot is finished.
     fn slot(&mut self, slot: &SlotRecord) {
         let _ = slot;
     }
-    /// Something happened between the autopilot and its client.
+    /// Called for each event of the autopilot and its client.
     fn event(&mut self, event: &FlightEvent) {
         let _ = event;
     }
-    /// Something that a person must do, now that the flight is over.
+    /// Called after the flight for something that the user must do.
     fn duty(&mut self, words: &str) {
         let _ = words;
     }
-    /// Something that is good to know, now that the flight is over.
+    /// Called after the flight for further information.
     fn note(&mut self, words: &str) {
         let _ = words;
     }
-    /// What the flight waits for, where that can take long or a person has just asked for its end.
+    /// Called when the flight waits for something that may take long, or whose end the user has
+    /// just asked for.
     fn waiting(&mut self, words: &str) {
         let _ = words;
     }
-    /// Whether to stop: the vehicle is then landed.
+    /// Returns whether to stop: the vehicle is landed then.
     fn wants_stop(&self) -> bool {
         false
     }
-    /// Whether to end at once, wherever the vehicle is: parameters are put back if that takes no
-    /// more than 3 s.
+    /// Returns whether to end at once, wherever the vehicle is: parameters are restored if that
+    /// takes at most 3 s.
     fn wants_end(&self) -> bool {
         false
     }
 }
 
-/// Watches nothing.
+/// Ignores all events.
 impl Observer for () {}

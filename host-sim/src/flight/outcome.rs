@@ -1,4 +1,4 @@
-//! How a flight ends when it does not end well.
+//! The errors that end a flight.
 
 use firmware_core::autopilot::SettingsError;
 use link::NoHeartbeat;
@@ -7,7 +7,7 @@ use thiserror::Error;
 use super::airframe::WrongProfile;
 use crate::record::FlightRecord;
 
-/// Why a mission was not flown to its end.
+/// The reason why a mission was not flown to its end.
 #[derive(Debug, Error)]
 pub enum FlightError {
     /// A fixed power is above the mission's limit.
@@ -19,33 +19,33 @@ pub enum FlightError {
     /// The link failed.
     #[error("link: {0}")]
     Link(#[from] std::io::Error),
-    /// The profile that was given is for another autopilot.
+    /// The specified profile is for another autopilot.
     #[error("{0}")]
     WrongProfile(#[from] WrongProfile),
-    /// No autopilot at the other end.
+    /// There is no autopilot at the other end.
     #[error("{0}")]
     NobodyThere(NoHeartbeat),
-    /// The mission was broken off.
+    /// The mission was aborted.
     #[error("broken off after {slots_done} of {slots} slots: {reason}")]
     BrokenOff {
-        /// Slots that were done.
+        /// The number of finished slots.
         slots_done: usize,
         /// `N`.
         slots: u32,
-        /// What went wrong, in words.
+        /// The cause, in words.
         reason: String,
     },
-    /// A person did not wait for the end.
+    /// The user did not wait for the end.
     #[error("ended by a second ctrl-C after {slots_done} of {slots} slots, {state}")]
     Ended {
-        /// Slots that were done.
+        /// The number of finished slots.
         slots_done: usize,
         /// `N`.
         slots: u32,
-        /// What was under way, in words.
+        /// The state of the flight, in words.
         state: String,
     },
-    /// The journal of an earlier run is about another vehicle.
+    /// The journal of an earlier run belongs to another vehicle.
     #[error(
         "{journal} holds parameters of another vehicle ({vehicle}) that were not put back; restore \
          them with host-sim doctor --restore, or choose another --out"
@@ -53,22 +53,22 @@ pub enum FlightError {
     WrongJournal {
         /// The file.
         journal: String,
-        /// The vehicle it is about.
+        /// The vehicle that the journal belongs to.
         vehicle: String,
     },
 }
 
-/// A flight that did not reach its end still leaves a record of what it did.
+/// A flight that did not reach its end, with the record of what was flown.
 #[derive(Debug, Error)]
 #[error("{error}")]
 pub struct FailedFlight {
-    /// Why.
+    /// The reason.
     pub error: FlightError,
-    /// What was flown of it; `None` if no vehicle was ever connected.
+    /// The record of the flight; `None` if no vehicle was ever connected.
     pub record: Option<Box<FlightRecord>>,
 }
 
-/// A flight's outcome with the record that it leaves, if a vehicle was `connected`.
+/// Returns the outcome of a flight, with its record if a vehicle was `connected`.
 pub(super) fn outcome_with_record(
     outcome: Result<(), FlightError>,
     connected: bool,

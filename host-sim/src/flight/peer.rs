@@ -1,5 +1,5 @@
-//! The vehicle's end of the MAVLink link, built in or elsewhere: what lies on the way to it, who
-//! listens beside, and the log of what passes.
+//! The vehicle's end of the MAVLink link, built in or external: the impairment of the link, the
+//! ground stations that listen to it, and the log of its frames.
 
 use std::{
     collections::VecDeque,
@@ -27,27 +27,27 @@ use link::{
 };
 use vehicle::Vehicle;
 
-/// How many steps back the built-in vehicle's true position is known: three seconds.
+/// The number of steps for which the true position of the built-in vehicle is kept: three seconds.
 const TRACK: usize = 300;
 
 /// The vehicle at the other end of the MAVLink link.
 #[derive(Debug)]
 pub struct Peer {
     vessel: Vessel,
-    /// To the vehicle and from it, where the link is a bad one.
+    /// The channels to and from the vehicle, if the link is impaired.
     impaired: Option<(Channel, Channel)>,
-    /// Who listens, and where: the link as `--also` says it.
+    /// The ground stations that listen, each with the link as in `--also`.
     beside: Vec<(String, GroundStationTap)>,
     key: Option<SigningKey>,
     set_parameters: bool,
     airframe_speed_mps: Option<f64>,
     journal: Option<ParameterJournal>,
-    /// Where the built-in vehicle was lately: its clock and its true position, oldest first.
+    /// The recent positions of the built-in vehicle: its clock and its true position, oldest first.
     track: VecDeque<(Instant, Position<f64>)>,
     names_profile: bool,
     own: OwnAddress,
     log: Option<TlogWriter<BufWriter<File>>>,
-    /// Why the log ends before the flight.
+    /// The reason why the log ends before the flight.
     log_failed: Option<io::Error>,
 }
 
@@ -55,11 +55,11 @@ pub struct Peer {
 enum Vessel {
     /// The vehicle of this process, in simulated time.
     BuiltIn(Box<Vehicle>),
-    /// Whoever answers.
+    /// An external vehicle.
     Elsewhere {
         link: Box<dyn Link>,
         decoder: Box<Decoder>,
-        /// Whole frames that have come and were not taken yet.
+        /// The complete frames that were received and not taken yet.
         frames: VecDeque<Vec<u8>>,
         piece: Vec<u8>,
     },
@@ -79,7 +79,7 @@ impl Vessel {
                 vehicle.receive(now, frame);
                 vehicle.end_of_datagram(now);
             }
-            // A link that is down loses frames as a radio does; the failsafes see to it.
+            // A link that is down loses frames as a radio does; the failsafes handle it.
             Self::Elsewhere { link, .. } => {
                 link.send(frame)?;
             }
@@ -106,12 +106,12 @@ impl Peer {
         }
     }
 
-    /// The vehicle of this process.
+    /// Creates a peer with the vehicle of this process.
     pub fn built_in(vehicle: Vehicle) -> Self {
         Self::new(Vessel::BuiltIn(Box::new(vehicle)))
     }
 
-    /// Whoever answers on a link.
+    /// Creates a peer with any vehicle that answers on a link.
     pub fn elsewhere(link: Box<dyn Link>) -> Self {
         Self::new(Vessel::Elsewhere {
             link,
@@ -121,53 +121,54 @@ impl Peer {
         })
     }
 
-    /// The way there and back is a bad one, in the time of the flight.
+    /// Impairs the link in both directions, in the time of the flight.
     pub fn impaired(mut self, impairment: &Impairment) -> Self {
         self.impaired = Some(impairment.channels());
         self
     }
 
-    /// A ground station listens beside: it hears what our client hears and says, and what it says
-    /// goes to the vehicle. `name` is for the note where it was never reached.
+    /// Adds a ground station that listens to the link: it receives all frames that our client
+    /// receives and sends, and its own frames are sent to the vehicle. `name` is used in the note
+    /// if it was never reached.
     pub fn beside(mut self, name: &str, link: Box<dyn Link>) -> Self {
         self.beside
             .push((name.to_owned(), GroundStationTap::new(link)));
         self
     }
 
-    /// In words, which ground stations beside were never reached.
+    /// Returns a description of each listening ground station that was never reached.
     fn unreached(&self) -> impl Iterator<Item = String> + '_ {
         self.beside.iter().filter_map(|(name, beside)| {
             let reason = beside.unreached()?;
             Some(match reason.strip_prefix(name.as_str()) {
                 _ if reason.is_empty() => format!("nobody was reached at {name}"),
-                // Links say where they are themselves.
+                // The errors of links contain their own address.
                 Some(reason) => format!("nobody was reached at {name}{reason}"),
                 None => format!("nobody was reached at {name}: {reason}"),
             })
         })
     }
 
-    /// Our client signs what it says and takes only what is signed with this key.
+    /// Makes our client sign its frames with this key and accept only frames signed with it.
     pub fn signed_with(mut self, key: SigningKey) -> Self {
         self.key = Some(key);
         self
     }
 
-    /// The airframe is known to reach this speed, m/s.
+    /// Sets the speed that the airframe is known to reach, m/s.
     pub fn with_airframe_speed(mut self, speed_mps: f64) -> Self {
         self.airframe_speed_mps = Some(speed_mps);
         self
     }
 
-    /// Our client may set parameters that clip the mission, for as long as it lasts.
+    /// Allows our client to set the parameters that limit the mission, for its duration.
     pub fn with_parameters_set(mut self) -> Self {
         self.set_parameters = true;
         self
     }
 
-    /// What is changed in the vehicle is written down here until it has been put back; what an
-    /// earlier run wrote down is put back first.
+    /// Sets the journal in which changed parameters are recorded until they are restored; those of
+    /// an earlier run are restored first.
     pub fn with_journal(mut self, journal: ParameterJournal) -> Self {
         self.journal = Some(journal);
         self
@@ -177,14 +178,14 @@ impl Peer {
         self.journal.take()
     }
 
-    /// The autopilot's heartbeat decides which profile's limits are planned with, instead of the
-    /// settings of the flight.
+    /// Makes the autopilot's heartbeat select the profile whose limits are used for planning,
+    /// instead of the settings of the flight.
     pub fn naming_profile(mut self) -> Self {
         self.names_profile = true;
         self
     }
 
-    /// The address that our client's frames carry.
+    /// Sets the address that our client's frames carry.
     pub fn spoken_to_as(mut self, own: OwnAddress) -> Self {
         self.own = own;
         self
@@ -194,7 +195,7 @@ impl Peer {
     /// simulated time from a fixed date, so that the same flight gives the same bytes.
     ///
     /// # Errors
-    /// The file cannot be created.
+    /// Returns an error if the file cannot be created.
     pub fn log_to(mut self, path: &Path) -> io::Result<Self> {
         let file = BufWriter::new(File::create(path)?);
         self.log = Some(TlogWriter::new(file, self.unix_us(Instant::ZERO)));
@@ -225,7 +226,7 @@ impl Peer {
         self.set_parameters
     }
 
-    /// The date, microseconds since 1970: the wall's, or that of the simulation.
+    /// Returns the date, microseconds since 1970: the real date, or that of the simulation.
     pub(super) fn unix_us(&self, now: Instant) -> u64 {
         match self.vessel {
             Vessel::BuiltIn(_) => SIMULATED_EPOCH_US + now.as_micros(),
@@ -233,7 +234,7 @@ impl Peer {
         }
     }
 
-    /// Lets time pass where it is simulated, and frames arrive that are due at the vehicle.
+    /// Advances simulated time, and delivers frames that are due at the vehicle.
     pub(super) fn step(&mut self, now: Instant) -> io::Result<()> {
         let unix_us = self.unix_us(now);
         if let Vessel::BuiltIn(vehicle) = &mut self.vessel {
@@ -259,7 +260,7 @@ impl Peer {
         Ok(())
     }
 
-    /// A frame from the vehicle, if there is one.
+    /// Returns a frame from the vehicle, if there is one.
     pub(super) fn receive(&mut self, now: Instant) -> io::Result<Option<Vec<u8>>> {
         let frame = match &mut self.impaired {
             Some((_, down)) => {
@@ -276,7 +277,7 @@ impl Peer {
         Ok(frame)
     }
 
-    /// A frame to the vehicle.
+    /// Sends a frame to the vehicle.
     pub(super) fn send(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
         self.pass(now, frame);
         match &mut self.impaired {
@@ -291,7 +292,7 @@ impl Peer {
         }
     }
 
-    /// What passes is logged, and heard beside.
+    /// Logs a frame and passes it to the listening ground stations.
     fn pass(&mut self, now: Instant, frame: &[u8]) {
         for (_, beside) in &self.beside {
             beside.hear(frame);
@@ -299,7 +300,7 @@ impl Peer {
         record(&mut self.log, &mut self.log_failed, now, frame);
     }
 
-    /// Waits for something to come, at most so long.
+    /// Waits until something is received, for at most `longest`.
     pub(super) fn wait(&mut self, longest: WallDuration) -> io::Result<()> {
         let Vessel::Elsewhere {
             link,
@@ -326,7 +327,7 @@ impl Peer {
         Ok(())
     }
 
-    /// Where the vehicle truly is, where that is known.
+    /// Returns the true position of the vehicle, if it is known.
     pub(super) fn true_position(&self) -> Option<Position<f64>> {
         match &self.vessel {
             Vessel::BuiltIn(vehicle) => Some(vehicle.true_position()),
@@ -334,9 +335,9 @@ impl Peer {
         }
     }
 
-    /// Where the vehicle truly was at a moment of its clock, where that is known. Between two steps
-    /// it is taken to have moved straight; a vehicle of the paper's kinematics moves only when a
-    /// setpoint arrives, and is where it is.
+    /// Returns the true position of the vehicle at a time of its clock, if it is known. Between two
+    /// steps the motion is assumed to be straight; a vehicle of the paper's kinematics moves only
+    /// when a setpoint is received, so its position is not interpolated.
     pub(super) fn true_position_at(&self, time: Instant) -> Option<Position<f64>> {
         let Vessel::BuiltIn(vehicle) = &self.vessel else {
             return None;
@@ -356,7 +357,7 @@ impl Peer {
         Some(here + (there - here) * fraction)
     }
 
-    /// How high it truly is, metres, where that is known.
+    /// Returns the true altitude, metres, if it is known.
     pub(super) fn altitude_m(&self) -> Option<f64> {
         match &self.vessel {
             Vessel::BuiltIn(vehicle) => Some(vehicle.altitude_m()),
@@ -364,7 +365,7 @@ impl Peer {
         }
     }
 
-    /// Why the link is down, where that is known.
+    /// Returns the reason why the link is down, if it is known.
     pub(super) fn last_error(&self) -> Option<String> {
         match &self.vessel {
             Vessel::BuiltIn(_) => None,
@@ -372,7 +373,7 @@ impl Peer {
         }
     }
 
-    /// Writes out what of the log is still held back, and says what is good to know.
+    /// Flushes the log and reports further information to the observer.
     pub(super) fn finish(&mut self, observer: &mut impl Observer) {
         if let Some(Err(error)) = self.log.as_mut().map(TlogWriter::flush) {
             self.log_failed = Some(error);
@@ -386,7 +387,7 @@ impl Peer {
     }
 }
 
-/// Appends to the log. A disk that is full ends the log, not the flight.
+/// Appends to the log. A full disk ends the log, not the flight.
 fn record(
     log: &mut Option<TlogWriter<BufWriter<File>>>,
     failed: &mut Option<io::Error>,

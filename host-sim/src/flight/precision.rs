@@ -1,4 +1,4 @@
-//! The ground link's messages between a board's precision and ours.
+//! Converts the ground link's messages between the precision of a board and that of the host.
 
 use firmware_core::{
     PowerGain, SENSORS_MAX, Scalar, USERS_MAX, Watt,
@@ -11,7 +11,7 @@ fn convert<T: Scalar, U: Scalar>(x: T) -> U {
     U::of(x.to_f64())
 }
 
-/// An arrival in our precision.
+/// Converts an arrival to double precision.
 pub(super) fn arrival(from: &Arrival<f32>) -> Arrival<f64> {
     Arrival {
         plan: Plan {
@@ -25,7 +25,7 @@ pub(super) fn arrival(from: &Arrival<f32>) -> Arrival<f64> {
     }
 }
 
-/// A command in our precision.
+/// Converts a command to double precision.
 pub(super) fn command(from: &SlotCommand<f32, SENSORS_MAX>) -> SlotCommand<f64, SENSORS_MAX> {
     SlotCommand {
         slot: from.slot,
@@ -60,7 +60,7 @@ fn status(from: Status<f32>) -> Status<f64> {
     }
 }
 
-/// Channels in the board's precision.
+/// Converts channels to the board's precision.
 pub(super) fn channel_state(
     from: &ChannelState<f64, USERS_MAX, SENSORS_MAX>,
 ) -> ChannelState<f32, USERS_MAX, SENSORS_MAX> {

@@ -1,5 +1,5 @@
-//! Why a flight ended, in words that name the true cause: what the client noticed, and what the
-//! autopilot said about it shortly before.
+//! The reason why a flight ended, in words that name the true cause: the fault that the client
+//! detected, and the autopilot's messages shortly before it.
 
 use firmware_core::{
     autopilot::{Event, Finding, LegError, failsafe::Cause},
@@ -7,24 +7,26 @@ use firmware_core::{
     time::{Duration, Instant},
 };
 
-/// What the autopilot said for so long before a fault counts as its reason.
+/// A message of the autopilot within this time before a fault counts as its reason.
 const BEFORE: Duration = Duration::from_secs(5);
-/// The same before a start that took too long: pre-arm texts come every 30 s.
+/// The same for a start that took too long: pre-arm texts are sent every 30 s.
 const BEFORE_TIME_OUT: Duration = Duration::from_secs(60);
-/// The reason of a change of mode may come after it, within this time.
+/// The reason of a change of mode may be received within this time after it.
 pub(super) const AFTER: Duration = Duration::from_secs(1);
-/// Where nothing comes any more, the position is missed first and the heartbeat within this time.
+/// If nothing is received any more, the position times out first and the heartbeat within this
+/// time.
 const BOTH: Duration = Duration::from_secs(10);
-/// MAV_SEVERITY_WARNING: this and all below are worth a person's attention.
+/// MAV_SEVERITY_WARNING: messages of this or a lower value are shown to the user.
 const WARNING: u8 = 4;
-/// MAV_SEVERITY_NOTICE: ArduCopter says with it why it left our mode (`Circle fence breached`).
+/// MAV_SEVERITY_NOTICE: ArduCopter uses it for the reason why it left our mode (`Circle fence
+/// breached`).
 const NOTICE: u8 = 5;
 
-/// Whether a person wants to see the event when it happens.
+/// Returns whether the event is shown to the user when it happens.
 pub(crate) fn is_notable(event: &Event) -> bool {
     match event {
         Event::Text { severity, .. } => *severity <= WARNING,
-        // What was not put back is said as something to do.
+        // A parameter that was not restored is reported as something to do.
         Event::Repeated { .. }
         | Event::SampleLate
         | Event::Finding(Finding::NotRestored { .. }) => false,
@@ -32,27 +34,27 @@ pub(crate) fn is_notable(event: &Event) -> bool {
     }
 }
 
-/// The same for an event that comes in words, from a board.
+/// The same for an event that a board reports in words.
 pub(super) fn are_notable(words: &str) -> bool {
     !(words.contains(", attempt ") || words.starts_with("no position sample after"))
 }
 
-/// Collects what explains the end of a flight.
+/// Collects the events that explain the end of a flight.
 #[derive(Debug, Default)]
 pub(super) struct Reasons {
     /// The first fault.
     fault: Option<(Instant, Cause)>,
-    /// The mode that was entered last.
+    /// The last mode that was entered.
     mode: Option<String>,
-    /// The last text of the autopilot of severity warning or worse.
+    /// The last text of the autopilot with severity warning or worse.
     warning: Option<(Instant, String)>,
-    /// The last text of severity notice or worse.
+    /// The last text with severity notice or worse.
     notice: Option<(Instant, String)>,
     /// The last command that was refused or not answered.
     refusal: Option<(Instant, String)>,
-    /// What the checks waited for last.
+    /// The last obstacle that the checks waited for.
     obstacle: Option<String>,
-    /// The warning that goes with the fault.
+    /// The warning that belongs to the fault.
     said: Option<String>,
     /// The mode at the fault.
     taken: Option<String>,
@@ -61,7 +63,7 @@ pub(super) struct Reasons {
 }
 
 impl Reasons {
-    /// Takes note of an event.
+    /// Records an event.
     pub(super) fn note(&mut self, now: Instant, event: &Event) {
         match event {
             Event::Text { severity, text } if *severity <= NOTICE => {
@@ -106,7 +108,7 @@ impl Reasons {
         }
     }
 
-    /// The first cause in words; `None` if nothing went wrong.
+    /// Returns the first cause in words; `None` if there was no fault.
     pub(super) fn words(&self) -> Option<String> {
         let (since, cause) = self.fault?;
         let by_itself = match cause {
@@ -135,14 +137,14 @@ impl Reasons {
     }
 }
 
-/// What was noted at most `window` before `now`.
+/// Returns the text that was recorded at most `window` before `now`.
 fn lately(noted: &Option<(Instant, String)>, now: Instant, window: Duration) -> Option<String> {
     let (at, words) = noted.as_ref()?;
     (now.duration_since(*at) <= window).then(|| words.clone())
 }
 
-/// Of the fault of the onboard computer and that of its client the true one: a leg that was
-/// refused because the client had already begun to land is a consequence, not a cause.
+/// Selects the true cause from the fault of the onboard computer and that of its client: a leg that
+/// was refused because the client had already begun to land is a consequence, not a cause.
 pub(super) fn first(fault: Option<Fault>, client: Option<String>) -> Option<String> {
     match (fault, client) {
         (Some(Fault::Leg(LegError::Phase(_))), Some(client)) => Some(client),
@@ -194,7 +196,7 @@ mod tests {
         assert_eq!(fence.words().as_deref(), Some(words));
         let words = "control taken by the autopilot: RTL (GCS Failsafe)";
         assert_eq!(reasons.words().unwrap(), words);
-        // What follows from it does not replace it.
+        // A consequence does not replace the cause.
         reasons.note(at(12), &text(4, "Something else"));
         let later = Event::Failsafe {
             cause: Cause::StopAsked,

@@ -1,5 +1,5 @@
-//! How a mission is flown: the settings of a flight, and those of the client and of the built-in vehicle
-//! that follow from its scenario.
+//! The settings of a flight, and those of the client and of the built-in vehicle that follow from
+//! its scenario.
 
 use environment::Allocation;
 use firmware_core::{
@@ -10,42 +10,43 @@ use firmware_core::{
 use scenario::Scenario;
 use vehicle::{Profile, VehicleSettings};
 
-/// How long an autopilot's first heartbeat is waited for.
+/// The longest time to wait for the first heartbeat of an autopilot.
 pub const CONNECT_PATIENCE: Duration = Duration::from_secs(30);
 
-/// The ground is heard once a slot; after so many without it, and at least
+/// The ground sends something in every slot; after this number of slots without it, and at least
 /// [`GROUND_PATIENCE`], the vehicle is landed.
 const GROUND_SLOTS: u32 = 10;
 
-/// The shortest silence of the ground that counts.
+/// The shortest time without messages of the ground that counts as a loss.
 const GROUND_PATIENCE: Duration = Duration::from_secs(10);
 
-/// How far around the mission's area the geofence lies: a vehicle that far outside is landed.
+/// The distance from the mission's area to the geofence: a vehicle that is outside the geofence is
+/// landed.
 const FENCE_MARGIN_M: f64 = 50.0;
 
-/// How a mission is flown.
+/// The settings of a flight.
 #[derive(Clone, Debug)]
 pub struct FlightSettings {
     /// The policy's name, for the record.
     pub policy: String,
-    /// How the powers of a slot are chosen.
+    /// The method that allocates the powers of a slot.
     pub inner: Allocation,
-    /// Which vehicle is at the other end: sets the limits that the guidance plans with.
+    /// The vehicle at the other end, which determines the limits that the guidance plans with.
     pub profile: Profile,
-    /// How fast time passes.
+    /// The real-time factor.
     pub pace: Pace,
-    /// Of the signals.
+    /// The seed of the drawn signals.
     pub seed: u64,
-    /// Symbols drawn in a slot for the empirical MSE.
+    /// The number of symbols drawn in a slot for the empirical MSE.
     pub symbols_per_slot: u32,
 }
 
-/// How fast time passes.
+/// The relation of the flight's time to real time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
-    /// As fast as it computes. With a vehicle elsewhere: real time.
+    /// As fast as possible. With an external vehicle: real time.
     Max,
-    /// So many seconds of flight in a second.
+    /// This number of seconds of flight per second.
     Factor(f64),
 }
 
@@ -58,12 +59,12 @@ impl Pace {
     }
 }
 
-/// The client's settings for a mission.
+/// Returns the client's settings for a mission.
 pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> AutopilotSettings<f64> {
     let p = scenario.mission.parameters();
     let mut limits = profile.client_limits();
     if profile != Profile::Ideal {
-        // The mission's own speed limit (eq:traj1) holds between way-points, too.
+        // The mission's own speed limit (eq:traj1) also applies between waypoints.
         limits.speed_mps = limits.speed_mps.min(p.max_speed_mps);
     }
     let around = Displacement::new(FENCE_MARGIN_M, FENCE_MARGIN_M);
@@ -90,7 +91,7 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> AutopilotSet
     }
 }
 
-/// The built-in vehicle for a mission: on the ground at its start.
+/// Returns the built-in vehicle for a mission: on the ground at its start.
 pub fn vehicle_settings(scenario: &Scenario, profile: Profile) -> VehicleSettings {
     let start = scenario.mission.parameters().start;
     VehicleSettings {

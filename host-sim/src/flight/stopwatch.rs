@@ -1,4 +1,4 @@
-//! How long the controller's two computations of a slot take.
+//! Measures how long the controller's two computations of a slot take.
 
 use std::time::Instant as WallInstant;
 
@@ -15,14 +15,14 @@ pub(super) struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Takes times that were measured elsewhere; 0 where nothing was computed.
+    /// Records times that were measured elsewhere; 0 if nothing was computed.
     pub(super) fn add(&mut self, plan_us: f64, allocate_us: f64) {
         self.plan_us.extend((plan_us > 0.0).then_some(plan_us));
         self.allocate_us
             .extend((allocate_us > 0.0).then_some(allocate_us));
     }
 
-    /// Writes a slot's two times into its record.
+    /// Writes the two times of a slot into its record.
     pub(super) fn note(&self, slot: &mut SlotRecord) {
         let index = slot.slot as usize - 1;
         slot.plan_us = self.plan_us.get(index).copied().unwrap_or_default();

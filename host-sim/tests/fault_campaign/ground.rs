@@ -1,4 +1,4 @@
-//! Who the onboard computer flies for: a mission, a policy, and a ground with true channels.
+//! The environment of the onboard computer: a mission, a policy, and a ground with true channels.
 
 use firmware_core::{
     Mission, Position, PowerGain, SENSORS_MAX, USERS_MAX, Watt,
@@ -59,7 +59,7 @@ pub(crate) fn mission(random: &mut Pcg64Mcg, slots: u32) -> HostMission {
     .unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Wanders, and sometimes says what no policy should.
+/// A policy that wanders and sometimes returns invalid actions.
 pub(crate) struct Wanderer(pub(crate) Pcg64Mcg);
 
 impl Policy<f64, USERS_MAX> for Wanderer {
@@ -76,12 +76,12 @@ impl Policy<f64, USERS_MAX> for Wanderer {
     }
 }
 
-/// A link's gain is the model's times a factor, as seen from a place that strays.
+/// The gain of a link is the model's gain times a factor, as seen from a position that drifts.
 #[derive(Clone, Copy)]
 struct Truth {
     ground: Position<f64>,
     factor: f64,
-    /// How much further away the vehicle seems than it is, metres.
+    /// The distance by which the vehicle seems further away than it is, metres.
     strayed_m: f64,
 }
 
@@ -100,8 +100,8 @@ impl Truth {
     }
 }
 
-/// The ground: true channels, and what was heard. Links change as fast as the controller takes
-/// them to at most, each its own way.
+/// The ground: the true channels, and the messages that were received. Each link changes
+/// independently, as fast as the controller assumes at most.
 pub(crate) struct Ground {
     mission: HostMission,
     links: Vec<Truth>,
@@ -137,16 +137,17 @@ impl Ground {
         }
     }
 
-    /// A slot has passed.
+    /// Advances the channels by one slot.
     pub(crate) fn stray(&mut self) {
-        // Short of the limit by what positions are measured to.
+        // The limit is reduced by the accuracy of measured positions.
         let most_m = self.mission.reach_m() - MEASUREMENT_M;
         for link in &mut self.links {
             link.strayed_m += self.random.random_range(-most_m..=most_m);
         }
     }
 
-    /// The vehicle knows the gains over here: from now on they differ from these.
+    /// The vehicle knows the gains at this position: from now on the true gains drift away from
+    /// them.
     pub(crate) fn become_known(&mut self, over: &Position<f64>) {
         for link in &mut self.links {
             let gain = link.gain(&self.mission, over);
@@ -156,7 +157,7 @@ impl Ground {
         }
     }
 
-    /// Hears what arrived and answers arrivals.
+    /// Receives bytes and answers arrivals.
     pub(crate) fn receive(&mut self, bytes: &[u8], over: &Position<f64>) -> Vec<u8> {
         let mut answer = Vec::new();
         for &byte in bytes {

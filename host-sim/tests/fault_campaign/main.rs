@@ -1,10 +1,11 @@
 //! Ten thousand fault schedules on the ground link against the whole onboard computer: six slots
 //! each, faults in the first five, none in the last, in missions of a hundred schedules.
 //!
-//! What must hold whatever happens: no panic; no command with a number in it that is not one, nor
-//! one that breaks a power limit; `Gamma` at the true channels wherever a command promises it, on
-//! fresh state or aged; the shield's constraints; in the slot after the faults everything is in
-//! order again; and every piece that the vehicle was sent is in one of its counters.
+//! The following must hold in every case: there is no panic; no command contains a number that is
+//! not finite, or violates a power limit; `Gamma` is met at the true channels wherever a command
+//! promises it, with fresh or aged state; the shield's constraints hold; in the slot after the
+//! faults everything works again; and every piece that the vehicle was sent is counted in one of
+//! its counters.
 
 mod ground;
 
@@ -30,13 +31,14 @@ const MISSIONS: u64 = 100;
 const SCHEDULES: u32 = 100;
 const SLOTS_EACH: u32 = 6;
 const TICK: Duration = Duration::from_millis(10);
-/// Short, so that silence does not cost much simulated time.
+/// The timeouts are short, so that missing messages do not cost much simulated time.
 const SETTINGS: OnboardSettings = OnboardSettings {
     channel_patience: Duration::from_millis(60),
     arrival_interval: Duration::from_millis(20),
 };
 
-/// How often something was seen, so that a campaign that exercises nothing does not pass.
+/// The number of times that something was seen, so that a campaign that exercises nothing does not
+/// pass.
 type Seen = BTreeMap<&'static str, u64>;
 
 fn note(seen: &mut Seen, what: &'static str) {
@@ -49,22 +51,23 @@ struct Campaign {
     now: Instant,
     onboard: Onboard<f64, Wanderer>,
     vehicle: Vehicle,
-    /// Where it was at the end of the slot that it last reported.
+    /// The position of the vehicle at the end of the slot that it last reported.
     place: Position<f64>,
     ground: Ground,
     faulty: FaultyLink<f64>,
-    /// The slot under way as the vehicle reported it, and the state that it should use.
+    /// The present slot as the vehicle reported it, and the state that it should use.
     plan: Option<Plan<f64>>,
     delivered: Option<HostState>,
-    /// A second decoder behind the faults: what the vehicle's counters are held against.
+    /// A second decoder behind the faults, whose counters are the expected values of the vehicle's.
     witness: Decoder,
     expected: VehicleStatus,
     position: Position<f64>,
-    /// What the vehicle said last. A frame whose end was lost is whole at the next delimiter.
+    /// The last messages of the vehicle. A frame whose end was lost is complete at the next
+    /// delimiter.
     said: VecDeque<HostMessage>,
-    /// What was counted and injected when the section began.
+    /// The counters and the injected faults at the start of the section.
     begun: (VehicleStatus, Injected),
-    /// Whether the slot's arrival was answered the first time.
+    /// Whether the first arrival message of the slot was answered.
     asked_once: bool,
     seen: Seen,
 }
@@ -134,13 +137,14 @@ impl Campaign {
         );
         let status = self.check_counters();
         assert_eq!(status.slots_done, self.mission.slots());
-        // A quota can only be missed by slots in which its user could not be served.
+        // A quota can only be missed because of slots in which its user could not be served.
         let owed = self.onboard.controller().fairness().owed();
         assert!(
             owed <= status.slots.nobody_served + status.slots.user_replaced,
             "{owed} {status:?}"
         );
-        // The ground's last word of the vehicle is the vehicle's own.
+        // The last message that the ground received from the vehicle equals the vehicle's own
+        // counters.
         let last = self
             .ground
             .heard
@@ -182,7 +186,8 @@ impl Campaign {
         }
     }
 
-    /// A frame from the vehicle: looked at, damaged, answered; the answer is damaged too.
+    /// Processes a frame from the vehicle: it is inspected, damaged and answered; the answer is
+    /// damaged too.
     fn carry(&mut self, frame: &[u8]) {
         let mut own = Decoder::<FRAME_MAX>::new();
         let sent: Vec<HostMessage> = frame.iter().filter_map(|&b| own.push(b)?.ok()).collect();
@@ -191,7 +196,8 @@ impl Campaign {
         };
         match message {
             Message::Arrival(arrival) => {
-                // By the time of the command the vehicle may be at the end of the next slot.
+                // At the time of the command the vehicle may already be at the end of the next
+                // slot.
                 self.place = self.vehicle.true_position();
                 self.arrival(&arrival.plan, arrival.position);
             }
@@ -213,7 +219,7 @@ impl Campaign {
         self.onboard.receive_ground(self.now, &up);
     }
 
-    /// Predicts what the vehicle makes of bytes.
+    /// Predicts how the vehicle processes these bytes.
     fn witness_of(&mut self, bytes: &[u8]) {
         let counters = &mut self.expected.slots;
         for &byte in bytes {
@@ -277,7 +283,7 @@ impl Campaign {
         }
         let coefficients = &command.sensor_coefficients;
 
-        // Where it came from is what arrived.
+        // The source of the gains is the state that was delivered.
         let fresh = command.source == ChannelSource::Measured;
         assert_eq!(fresh, state.is_some(), "{}", context());
         assert_eq!(fresh, command.age_slots == 0, "{}", context());
@@ -316,7 +322,7 @@ impl Campaign {
         counters.user_replaced += u32::from(replaced);
         self.expected.slots_done += 1;
 
-        // What is promised holds at the true channels.
+        // The guarantees hold at the true channels.
         let truth = self.ground.truth(slot, &self.place);
         let user_gain = command.served_user.map(|user| truth.user_gains[user]);
         let at_truth = aircomp::Slot {
@@ -362,14 +368,15 @@ impl Campaign {
         }
     }
 
-    /// In a slot without faults after slots with them: fresh state, nothing missing, the optimum.
+    /// Checks a slot without faults after slots with faults: fresh state, nothing missing, the
+    /// optimum.
     fn in_order_again(&self, command: &HostCommand, truth: &HostState, context: &str) {
         assert_eq!(
             command.source,
             ChannelSource::Measured,
             "out of step: {context}"
         );
-        // No frame was lost to the damage before: not the arrival, not its answer.
+        // No frame was lost because of earlier damage: neither the arrival nor its answer.
         assert!(self.asked_once, "asked again: {context}");
         assert_eq!(
             (command.rejected_gains, command.unheard_sensors),
@@ -415,7 +422,7 @@ impl Campaign {
             echoes,
             "{context}"
         );
-        // A state that is about another slot, too, is out of turn first.
+        // A state that is also for another slot is first counted as out of turn.
         let out_of_turn = |fault: &Fault| matches!(fault, Fault::Late | Fault::OtherSlot(_));
         if !faults.iter().any(out_of_turn) {
             let too_few = injected.too_few - injected_before.too_few;
@@ -424,7 +431,8 @@ impl Campaign {
         }
     }
 
-    /// Nothing is lost in silence: counters add up, and are those of the witness.
+    /// Checks that nothing is lost without being counted: the counters add up and equal those of
+    /// the witness.
     fn check_counters(&mut self) -> VehicleStatus {
         let status = self.onboard.status();
         let injected = self.faulty.injected();
@@ -484,7 +492,7 @@ fn ten_thousand_schedules_break_nothing() {
     }
     let commands = MISSIONS * u64::from(SCHEDULES * SLOTS_EACH);
     assert_eq!(total["commands"], commands);
-    // Each of these was met often, or the campaign shows nothing.
+    // Each of these must have occurred often; otherwise the campaign proves nothing.
     for (what, count) in &total {
         assert!(*count > 100, "{what}: only {count}");
     }

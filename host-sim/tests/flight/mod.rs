@@ -1,5 +1,5 @@
-//! Client and vehicle with nothing but bytes between them, in simulated time.
-// Each test binary is a crate of its own and uses a part of it.
+//! A client and a vehicle that exchange only bytes, in simulated time.
+// Each test binary is a separate crate and uses only a part of this module.
 #![allow(dead_code, unreachable_pub)]
 
 use firmware_core::Position;
@@ -24,7 +24,7 @@ pub fn start() -> Position<f64> {
     Position::new(50.0, 80.0)
 }
 
-/// A UDP port that nobody listened on a moment ago: the vehicle takes it next.
+/// Returns a UDP port that was free a moment ago, for the vehicle to use.
 pub fn free_port() -> u16 {
     let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.local_addr().unwrap().port()
@@ -37,11 +37,11 @@ pub struct Flight {
     pub decoder: Decoder,
     pub vehicle: Vehicle,
     pub log: Vec<String>,
-    /// Everything the client sent, whether or not it arrived.
+    /// All messages that the client sent, whether or not they were received.
     pub sent: Vec<(Instant, MavMessage)>,
     pub up: Channel,
     pub down: Channel,
-    /// Messages of the client that never arrive.
+    /// The messages of the client that are never delivered.
     pub swallowed: fn(&MavMessage) -> bool,
 }
 
@@ -61,13 +61,13 @@ impl Flight {
         }
     }
 
-    /// The link gets worse, both ways.
+    /// Makes the link worse in both directions.
     pub fn degrade(&mut self, faults: &Faults, seed: u64) {
         self.up = Channel::new(faults.clone(), seed);
         self.down = Channel::new(faults.clone(), !seed);
     }
 
-    /// Passes messages to and fro until both are quiet.
+    /// Passes messages in both directions until none are pending.
     pub fn exchange(&mut self) {
         let mut buffer = [0; MAX_FRAME];
         loop {
@@ -143,7 +143,7 @@ impl Flight {
     }
 }
 
-/// The client's settings for a profile.
+/// Returns the client's settings for a profile.
 pub fn settings(profile: Profile) -> AutopilotSettings<f64> {
     AutopilotSettings {
         limits: profile.client_limits(),
@@ -151,12 +151,12 @@ pub fn settings(profile: Profile) -> AutopilotSettings<f64> {
     }
 }
 
-/// The vehicle's settings for a profile.
+/// Returns the vehicle's settings for a profile.
 pub fn vehicle(profile: Profile) -> VehicleSettings {
     VehicleSettings::new(profile, origin(), start())
 }
 
-/// A flight that holds at the start, ready for legs.
+/// Returns a flight that holds at the start, ready for legs.
 pub fn ready(
     profile: Profile,
     change: impl FnOnce(&mut AutopilotSettings<f64>, &mut VehicleSettings),
@@ -169,7 +169,7 @@ pub fn ready(
     flight
 }
 
-/// Way-points with corners, each within 30 m of the last.
+/// Returns waypoints with corners, each within 30 m of the previous one.
 pub fn zigzag() -> Vec<Position<f64>> {
     let mut place = start();
     (0..10)

@@ -3,7 +3,7 @@
 use std::{collections::HashMap, str::FromStr};
 
 use anyhow::{Context, anyhow, ensure};
-use firmware_core::policy::{Provenance, mlp::SELF_TEST_TOLERANCE};
+use firmware_core::policy::{Provenance, REQUIRED_METADATA, mlp::SELF_TEST_TOLERANCE};
 
 use super::{contract::FORMAT_VERSION, proto::ModelProto};
 use crate::actor::Actor;
@@ -19,6 +19,15 @@ impl<'m> Metadata<'m> {
             entries
                 .map(|e| (e.key.as_str(), e.value.as_str()))
                 .collect(),
+        );
+        let missing = REQUIRED_METADATA
+            .into_iter()
+            .filter(|key| !metadata.0.contains_key(key));
+        let missing: Vec<&str> = missing.collect();
+        ensure!(
+            missing.is_empty(),
+            "metadata_props has no {}",
+            missing.join(", ")
         );
         let version: u32 = metadata.number("format_version")?;
         ensure!(

@@ -1,4 +1,4 @@
-//! What the paper claims of single flights, beside the flights.
+//! Verdicts on the paper's claims about single flights.
 
 use firmware_core::Position;
 
@@ -11,7 +11,7 @@ use crate::experiment::{
     totals::Approach,
 };
 
-/// Mean over slots and places of the distance between them, metres.
+/// Returns the mean over slots and places of the distance between them, metres.
 fn mean_distance_m(flight: &[&SlotRow], places: &[Position<f64>]) -> f64 {
     let each = flight.iter().flat_map(|row| {
         let here = Position::new(row.east_m, row.north_m);
@@ -20,7 +20,7 @@ fn mean_distance_m(flight: &[&SlotRow], places: &[Position<f64>]) -> f64 {
     statistics::mean(&each.collect::<Vec<_>>())
 }
 
-/// fig:topo1 and fig:topo2.
+/// Returns the claims about fig:topo1 and fig:topo2.
 pub(in crate::experiment) fn claims_of_thresholds(
     experiment: Experiment,
     rows: &[SlotRow],
@@ -79,7 +79,7 @@ pub(in crate::experiment) fn claims_of_thresholds(
     Ok(claims)
 }
 
-/// fig:topo_ddpg.
+/// Returns the claims about fig:topo_ddpg.
 pub(in crate::experiment) fn claims_of_approaches(rows: &[SlotRow]) -> Vec<Claim> {
     let mut similar = Tally::default();
     let (mut to_ddpg, mut to_line) = (Vec::new(), Vec::new());
@@ -108,7 +108,7 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[SlotRow]) -> Vec<Claim
     )]
 }
 
-/// Mean over one path of the distance to the other path's nearest place, metres.
+/// Returns the mean over one path of the distance to the nearest point of the other path, metres.
 fn apart_m(path: &[&SlotRow], other: &[&SlotRow]) -> f64 {
     let each = path.iter().map(|here| {
         let away = other
@@ -119,13 +119,13 @@ fn apart_m(path: &[&SlotRow], other: &[&SlotRow]) -> f64 {
     statistics::mean(&each.collect::<Vec<_>>())
 }
 
-/// fig:access.
+/// Returns the claims about fig:access.
 pub(in crate::experiment) fn claims_of_schedule(rows: &[SlotRow]) -> Vec<Claim> {
     let (mut near, mut ranks, mut nearest) = (Tally::default(), Vec::new(), Vec::new());
     let (mut often, mut chances) = (Tally::default(), Vec::new());
     for (cell, approach) in flights(Experiment::Schedule) {
         let flight = flight_of(rows, cell, approach);
-        // Where one user is left there is no choice.
+        // If only one user is left, there is no choice.
         let choices: Vec<&&SlotRow> = flight.iter().filter(|row| row.open_users > 1).collect();
         let place = |row: &&&SlotRow| row.nearer_users as f64 / (row.open_users - 1) as f64;
         let rank = statistics::mean(&choices.iter().map(place).collect::<Vec<_>>());
@@ -154,7 +154,7 @@ pub(in crate::experiment) fn claims_of_schedule(rows: &[SlotRow]) -> Vec<Claim> 
     )]
 }
 
-/// fig:data.
+/// Returns the claims about fig:data.
 pub(in crate::experiment) fn claims_of_data(rows: &[DataRow]) -> Vec<Claim> {
     let (mut rising, mut even) = <(Tally, Tally)>::default();
     let mut spreads = Vec::new();

@@ -1,4 +1,4 @@
-//! What the paper claims of total rates, beside the totals.
+//! Verdicts on the paper's claims about total rates.
 
 use std::fmt::Write as _;
 
@@ -9,12 +9,12 @@ use crate::experiment::{
     claims::{Claim, Tally, range},
 };
 
-/// "Slightly inferior": at least this share of the other.
+/// "Slightly inferior": at least this fraction of the other.
 const SLIGHTLY: f64 = 0.95;
-/// "Far behind", "an evident gap": less than this share of the other.
+/// "Far behind", "an evident gap": less than this fraction of the other.
 const FAR: f64 = 0.95;
 
-/// Rows of one approach, found by mission.
+/// The rows, from which those of an approach are found by mission.
 struct Totals<'a>(&'a [TotalRow]);
 
 impl Totals<'_> {
@@ -28,13 +28,14 @@ impl Totals<'_> {
             .map_or(f64::NAN, |row| row.sum_rate)
     }
 
-    /// The best of SAC's presets, by their means.
+    /// Returns the total of the best of SAC's presets, by their means.
     fn sac(&self, cell: &Cell) -> f64 {
         self.rate(cell, Approach::Sac)
             .max(self.rate(cell, Approach::SacTableOne))
     }
 
-    /// What an approach reaches of another over the cells in which it was flown, in per cent.
+    /// Returns the total of an approach as a percentage of another, over the cells in which it was
+    /// flown.
     fn share(&self, cells: &[Cell], of: Approach, reference: Approach) -> String {
         self.share_of(cells, |cell| self.rate(cell, of), reference)
     }
@@ -48,7 +49,7 @@ impl Totals<'_> {
     }
 }
 
-/// How often a total rises from each mission to the next of the same kind.
+/// Returns how often a total rises from each mission to the next of the same kind.
 fn rises(
     totals: &Totals<'_>,
     cells: &[Cell],
@@ -73,7 +74,7 @@ fn same_topology_and_noise(a: &Cell, b: &Cell) -> bool {
     a.topology == b.topology && a.noise_dbm == b.noise_dbm
 }
 
-/// fig:alg.
+/// Returns the claims about fig:alg.
 pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
     let (totals, cells) = (Totals(rows), cells(Experiment::Approaches));
     let rising = approaches(Experiment::Approaches)
@@ -159,7 +160,7 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Clai
     ]
 }
 
-/// fig:sigma.
+/// Returns the claims about fig:sigma.
 pub(in crate::experiment) fn claims_of_noise(rows: &[TotalRow]) -> Vec<Claim> {
     let (totals, cells) = (Totals(rows), cells(Experiment::Noise));
     let mut falls = Tally::default();
@@ -188,7 +189,7 @@ pub(in crate::experiment) fn claims_of_noise(rows: &[TotalRow]) -> Vec<Claim> {
     ]
 }
 
-/// fig:diffing.
+/// Returns the claims about fig:diffing.
 pub(in crate::experiment) fn claims_of_strategies(rows: &[TotalRow]) -> Vec<Claim> {
     let (totals, cells) = (Totals(rows), cells(Experiment::Strategies));
     let growth = |approach: Approach| {
@@ -256,7 +257,7 @@ fn best_of_strategies(totals: &Totals<'_>, cells: &[Cell]) -> Claim {
     )
 }
 
-/// fig:diffint.
+/// Returns the claims about fig:diffint.
 pub(in crate::experiment) fn claims_of_mission_time(rows: &[TotalRow]) -> Vec<Claim> {
     let (totals, cells) = (Totals(rows), cells(Experiment::MissionTime));
     let rising = rises(&totals, &cells, Approach::Sac, |a, b| {

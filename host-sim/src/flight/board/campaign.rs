@@ -1,5 +1,5 @@
-//! An image and its twin under faults on the ground link: both are sent the same damaged bytes and
-//! must say the same, byte for byte; what they say is held against what was injected.
+//! An image and its twin under faults on the ground link: both receive the same damaged bytes and
+//! must send the same bytes. Their output is compared with the injected faults.
 
 use std::{collections::BTreeMap, io};
 
@@ -16,20 +16,21 @@ use rand_pcg::Pcg64Mcg;
 use super::{Board, Image, Round, Twin};
 use link::faults::{Direction, Fault, FaultyLink, Injected, Schedule};
 
-/// Slots of a schedule: faults in all but the last, in which everything must be in order again.
+/// The number of slots of a schedule: all but the last have faults; in the last one everything must
+/// work again.
 pub const SLOTS_EACH: u32 = 3;
 
-/// Bytes that the board is sent at a time: half of its queue, so that what a flood does to it does
-/// not depend on how fast it is.
+/// The number of bytes that the board receives at a time: half of its queue, so that the effect of
+/// a flood does not depend on the speed of the board.
 const PIECE: usize = 512;
 
-/// How far single precision may be from what is promised.
+/// The tolerance for single precision.
 const ROUNDING: f64 = 1e-4;
 
-/// How often something was injected, counted or seen.
+/// The number of times that something was injected, counted or seen.
 pub type Tally = BTreeMap<&'static str, u64>;
 
-/// A board's image and its twin behind the same faulty link.
+/// The image of a board and its twin behind the same faulty link.
 #[derive(Debug)]
 pub struct Campaign {
     image: Image,
@@ -37,22 +38,22 @@ pub struct Campaign {
     order: MissionOrder,
     schedule: Schedule,
     link: FaultyLink<f32>,
-    /// Behind the faults, as the vehicle is: what its counters are held against.
+    /// A decoder behind the faults, like the vehicle's, whose counters are the expected values.
     witness: Decoder,
-    /// What the vehicle itself said, before the faults.
+    /// A decoder of the vehicle's own messages, before the faults.
     said: Decoder,
-    /// The slot under way, whether its arrival was repeated, and the state that it should use.
+    /// The present slot, whether its arrival was repeated, and the state that it should use.
     slot: u32,
     asked_again: bool,
     delivered: Option<ChannelState<f32, USERS_MAX, SENSORS_MAX>>,
     expected: VehicleStatus,
-    /// What was counted and injected when the schedule began.
+    /// The counters and the injected faults at the start of the schedule.
     begun: (VehicleStatus, Injected),
     tally: Tally,
 }
 
 impl Campaign {
-    /// So many schedules, one after the other from slot 1.
+    /// Creates a campaign of this number of schedules, one after the other from slot 1.
     pub fn new(
         (image, twin): (Image, Twin),
         order: &MissionOrder,
@@ -88,10 +89,10 @@ impl Campaign {
         }
     }
 
-    /// After the flight: everything, once nothing is left to be said.
+    /// Ends the campaign after the flight, when no output is pending, and returns the tally.
     ///
     /// # Errors
-    /// A slot that is missing, bytes that the image has lost.
+    /// Returns an error if a slot is missing or the image has lost bytes.
     pub fn finish(mut self) -> io::Result<Tally> {
         let done = self.expected.slots_done;
         demand(done == self.order.mission.slots, || {
@@ -109,7 +110,7 @@ impl Campaign {
         *self.tally.entry(what).or_default() += u64::from(times);
     }
 
-    /// Bytes that both are sent, and the same answer from both.
+    /// Sends the same bytes to both and compares their answers.
     fn both(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round> {
         self.predict(ground);
         let image = self.image.round(now, vehicle, ground)?;
@@ -138,7 +139,7 @@ impl Campaign {
         Ok(image)
     }
 
-    /// What the vehicle should make of bytes.
+    /// Predicts how the vehicle processes these bytes.
     fn predict(&mut self, bytes: &[u8]) {
         let mission = &self.order.mission;
         let counters = &mut self.expected.slots;
@@ -182,7 +183,8 @@ impl Campaign {
         }
     }
 
-    /// Every number is one, every limit is kept, and what is promised of fresh state is so.
+    /// Checks that every number is finite and within its limits, and that the guarantees for fresh
+    /// state hold.
     fn commanded(&mut self, command: &SlotCommand<f32, SENSORS_MAX>) -> io::Result<()> {
         let slot = self.slot;
         let state = self.delivered.take();
@@ -256,14 +258,14 @@ impl Campaign {
         Ok(())
     }
 
-    /// The vehicle's counters in the clean slot that ends a schedule.
+    /// Checks the vehicle's counters in the clean slot that ends a schedule.
     fn counted(&mut self, status: &VehicleStatus) -> io::Result<()> {
         if status.slots_done == 0 || !status.slots_done.is_multiple_of(SLOTS_EACH) {
             return Ok(());
         }
         let mut expected = self.expected;
         expected.link = *self.witness.counters();
-        // Not of the ground link, or not to be told from its bytes.
+        // These counters are not of the ground link, or cannot be determined from its bytes.
         expected.mavlink = status.mavlink;
         expected.mavlink_unreadable = status.mavlink_unreadable;
         expected.slots.user_replaced = status.slots.user_replaced;

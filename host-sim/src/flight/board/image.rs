@@ -17,10 +17,10 @@ use firmware_core::{
 use super::{Board, Round};
 use link::HostPort;
 
-/// How long a board may take to be there, and to answer.
+/// The longest time until a board is reachable, and until it answers.
 const PATIENCE: WallDuration = WallDuration::from_secs(30);
 
-/// A byte stream with a count of what passed.
+/// A byte stream that counts the transferred bytes.
 #[derive(Debug)]
 struct Line {
     stream: TcpStream,
@@ -64,7 +64,7 @@ impl Line {
         Ok(())
     }
 
-    /// Waits for some bytes and adds them.
+    /// Waits for some bytes and appends them.
     fn receive(&mut self, bytes: &mut Vec<u8>) -> io::Result<()> {
         let mut piece = [0; 1024];
         match self.stream.read(&mut piece) {
@@ -77,7 +77,7 @@ impl Line {
                 self.received = self.received.wrapping_add(length as u32);
                 Ok(())
             }
-            // A signal, not an end: the caller asks again.
+            // This was a signal and not the end of the stream: the caller tries again.
             Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(()),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => Err(io::Error::new(
                 io::ErrorKind::TimedOut,
@@ -87,7 +87,7 @@ impl Line {
         }
     }
 
-    /// Waits until so many have come in all.
+    /// Waits until this number of bytes has been received in total.
     fn receive_up_to(&mut self, count: u32) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         while self.received != count {
@@ -104,17 +104,18 @@ pub struct Image {
     mavlink: Line,
     console: Line,
     reports: Reports,
-    /// Reports that have come and were not taken yet.
+    /// The reports that were received and not taken yet.
     waiting: VecDeque<BoardReport>,
     frames: Decoder,
 }
 
 impl Image {
-    /// Connects to the ground link at a port, MAVLink at the next and the console at the one after
-    /// it, and gives the order.
+    /// Connects to the ground link at a port, to MAVLink at the next port and to the console at the
+    /// one after it, and sends the mission order.
     ///
     /// # Errors
-    /// Nobody there, no answer, an order that is refused: in one line.
+    /// Returns a message of one line if nothing is reachable, if there is no answer, or if the
+    /// order is refused.
     pub fn connect(to: &HostPort, order: &MissionOrder) -> Result<Self, String> {
         let line = |offset| {
             Line::connect(to, offset).map_err(|error| format!("tcp:{to}: no board: {error}"))

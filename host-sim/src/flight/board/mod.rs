@@ -1,5 +1,5 @@
 //! Missions whose onboard computer is a board: the microcontroller image at the other end of three
-//! serial lines, or its twin in this process, in the same precision and stepped alike.
+//! serial lines, or its twin in this process, which has the same precision and the same steps.
 //!
 //! ```text
 //!   Ground  <-- ground link -->  board  <-- MAVLink -->  vehicle
@@ -7,8 +7,9 @@
 //!   clock   <-- console -----------+
 //! ```
 //!
-//! Time is ours in both cases (`firmware_core::console`): a flight in QEMU is the same, byte for
-//! byte, however slow it is, and the same as the twin's as far as the arithmetic is.
+//! In both cases the host provides the time (`firmware_core::console`): a flight in QEMU is
+//! reproducible byte for byte, however slow it is, and it equals that of the twin as far as the
+//! arithmetic is the same.
 
 mod campaign;
 mod image;
@@ -49,14 +50,14 @@ use link::NoHeartbeat;
 use scenario::Scenario;
 use vehicle::Profile;
 
-/// What a board said in a round.
+/// The output of a board in a round.
 #[derive(Debug)]
 pub struct Round {
-    /// Frames for the vehicle.
+    /// The frames for the vehicle.
     mavlink: Vec<Vec<u8>>,
-    /// Bytes for the ground.
+    /// The bytes for the ground.
     ground: Vec<u8>,
-    /// What happened, in words.
+    /// The events, in words.
     events: Vec<String>,
     stage: Stage,
     phase: Phase,
@@ -66,28 +67,28 @@ pub struct Round {
     allocate_us: f64,
 }
 
-/// An onboard computer that is told the time.
+/// An onboard computer that receives the time from the host.
 pub trait Board: fmt::Debug {
-    /// Takes what came from both sides, goes on, and says what it has to say.
+    /// Takes the bytes that were received from both sides, advances, and returns the output.
     ///
     /// # Errors
-    /// It does not answer.
+    /// Returns an error if the board does not answer.
     fn round(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round>;
 
-    /// A person asks for the end.
+    /// Asks the board to end the mission.
     ///
     /// # Errors
-    /// It does not answer.
+    /// Returns an error if the board does not answer.
     fn stop(&mut self) -> io::Result<()>;
 
-    /// What lies in its memory, where that can be asked.
+    /// Returns the memory usage, if the board can report it.
     ///
     /// # Errors
-    /// It does not answer.
+    /// Returns an error if the board does not answer.
     fn footprint(&mut self) -> io::Result<Option<Footprint>>;
 }
 
-/// What a board is told of a mission.
+/// Returns the order of a mission for a board.
 pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> MissionOrder {
     let flight = autopilot_settings(scenario, profile);
     let number = |x: f64| x as f32;
@@ -119,10 +120,10 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// As the image would be, with this policy in its flash.
+    /// Creates a twin that behaves like the image with this policy in its flash memory.
     ///
     /// # Errors
-    /// Why the order is refused, in words.
+    /// Returns the reason if the order is refused, in words.
     pub fn new(order: &MissionOrder, policy: Option<Arc<[u8]>>) -> Result<Self, String> {
         let trained = policy.map(Mlp::load).transpose();
         let trained = trained.map_err(|error| error.to_string())?;
@@ -199,7 +200,7 @@ impl Board for Twin {
 /// `policy` of the settings are names for the record: the board decides.
 ///
 /// # Errors
-/// A board that does not answer, a link that fails, a mission that was broken off.
+/// Returns an error if the board does not answer, a link fails, or the mission was aborted.
 pub fn fly(
     scenario: &Scenario,
     board: &mut impl Board,
@@ -240,20 +241,20 @@ pub fn fly(
     outcome_with_record(outcome, connected, record)
 }
 
-/// A mission under way.
+/// A mission in progress.
 struct BoardFlight<'b, B> {
     board: &'b mut B,
     ground: Ground,
     clock: Clock,
     stopwatch: Stopwatch,
-    /// For the board's next round.
+    /// The bytes for the board's next round.
     uplink: Vec<u8>,
     events: Vec<FlightEvent>,
     path: Vec<PathSample>,
     started: Option<Instant>,
     slots: u32,
     broken_off: Option<String>,
-    /// The board has heard a vehicle.
+    /// The board has received messages of a vehicle.
     connected: bool,
 }
 
@@ -298,7 +299,7 @@ impl<B: Board> BoardFlight<'_, B> {
         }
     }
 
-    /// Carries frames both ways until all is said; the last round.
+    /// Carries frames in both directions until no more are pending; returns the last round.
     fn exchange(
         &mut self,
         now: Instant,
