@@ -1,4 +1,5 @@
-//! What every user would get at a place: the exact slot solution, for all users at once.
+//! The rate that every user would have with the vehicle at a given position: the exact slot
+//! solution, computed for all users at once.
 
 use firmware_core::{
     Mission, Position, PowerGain,
@@ -7,7 +8,7 @@ use firmware_core::{
 
 /// The rates of a mission's users, bit/s/Hz, as a function of the vehicle's position.
 ///
-/// A place where no choice meets `Gamma` has rate 0 for everybody.
+/// At a position where `Gamma` cannot be met, every user's rate is 0.
 #[derive(Clone, Debug)]
 pub struct PlaceRates<'m, const M: usize, const J: usize> {
     mission: &'m Mission<f64, M, J>,
@@ -16,7 +17,7 @@ pub struct PlaceRates<'m, const M: usize, const J: usize> {
 }
 
 impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
-    /// For a mission.
+    /// Creates the rate function of a mission.
     pub fn new(mission: &'m Mission<f64, M, J>) -> Self {
         Self {
             mission,
@@ -25,8 +26,8 @@ impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
         }
     }
 
-    /// Writes the rate of every user with the vehicle over `place`. One sort of the sensors,
-    /// then `O(log J)` per user.
+    /// Writes the rate of every user with the vehicle over `place`. Worst case: one sort of the
+    /// sensors, then `O(log J)` per user.
     pub fn write(&mut self, place: &Position<f64>, rates: &mut [f64]) {
         let p = self.mission.parameters();
         let channel = self.mission.channel();
@@ -43,8 +44,9 @@ impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
     }
 }
 
-/// Hands over the sorted sensors of a slot. A valid mission's limits and gains make a slot
-/// problem; were they none, nothing could be sent, hence the `None`.
+/// Calls a function with the sorted sensors of a slot. The limits and gains of a valid mission
+/// always form a slot problem. If they did not, nothing could be sent, and the result would be
+/// `None`.
 pub fn with_field<const J: usize>(
     room: &mut Workspace<f64, J>,
     limits: &SlotLimits<f64>,
