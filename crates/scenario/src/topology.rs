@@ -27,10 +27,10 @@ pub enum Topology {
 /// An axis-aligned rectangle, metres: `[west, east]`, `[south, north]`.
 type Rectangle = [[f64; 2]; 2];
 
-/// Generates a scenario with the parameters of Table I on a layout drawn with `seed`: by default 15
-/// users and 36 sensors, flown from the south-west corner to the north-east one. With other numbers
-/// of sensors, the product `J Gamma` is kept. The layout is our assumption, because the paper does
-/// not print one.
+/// Generates a scenario with the parameters of Table I, which has 15 users and 36 sensors, on a
+/// layout drawn with `seed`. The vehicle flies from the south-west corner to the north-east one.
+/// With other numbers of sensors, the product `J Gamma` is kept. The layout is our assumption,
+/// because the paper does not print one.
 ///
 /// # Errors
 /// Returns an error if the controller cannot hold that many users or sensors.
