@@ -328,9 +328,9 @@ impl<'a> Slot<'a> {
 
     /// Returns the amplitudes of highest `A^2 / E`, with `E <= energy_max` if that is given.
     ///
-    /// In `y = scale u / tau` (so that only ratios matter): minimize `n` with `sum u = J'`, `||(tau
-    /// / scale, u)|| <= n`, `n <= sqrt(energy_max) / scale tau`, `0 <= u <= a / scale tau`, over
-    /// the `J'` sensors that can be heard.
+    /// In `y = scale u / tau` (so that only ratios matter): minimize `n` with `sum u = J'`,
+    /// `||(tau / scale, u)|| <= n`, `n <= sqrt(energy_max) / scale tau`, `0 <= u <= a / scale tau`,
+    /// over the `J'` sensors that can be heard.
     fn least_energy(
         &self,
         scale: f64,
@@ -377,8 +377,8 @@ impl<'a> Slot<'a> {
     }
 
     /// Solves eq:p_pbp as printed, for a given `eta` and `t = 1 / psi_before`, in `x_j = eta y_j`,
-    /// `z = eta^2 q` and `Psi = eta^2 psi`: minimize `t Psi - w` with `w <= ln(z + Psi)`, `sum (x -
-    /// 1)^2 + z + nu <= J^2 Gamma`, `sum x^2 + nu <= Psi` and the bounds.
+    /// `z = eta^2 q` and `Psi = eta^2 psi`: minimize `t Psi - w` with `w <= ln(z + Psi)`,
+    /// `sum (x - 1)^2 + z + nu <= J^2 Gamma`, `sum x^2 + nu <= Psi` and the bounds.
     fn subproblem(&self, eta: f64, psi_before: f64) -> (SolverStatus, Option<Point>) {
         let sensors = self.amplitude.len();
         let (z, psi, w) = (sensors, sensors + 1, sensors + 2);

@@ -23,7 +23,7 @@ use files::input::LONGEST_BYTES;
 
 use crate::conic;
 
-/// Which solver answers.
+/// The method that solves a problem.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Method {
     /// The closed form: the global optimum

@@ -21,13 +21,13 @@ pub struct ScenarioChoice {
 /// The parameters that the paper's figures vary, where they differ from the file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Args)]
 pub struct Changes {
-    /// Another MSE threshold (Gamma) than the scenario's
+    /// MSE threshold (Gamma), in place of the scenario's
     #[arg(long, value_name = "GAMMA")]
     pub mse_threshold: Option<f64>,
-    /// Another noise power than the scenario's, dBm
+    /// Noise power in dBm, in place of the scenario's
     #[arg(long, value_name = "DBM", allow_negative_numbers = true)]
     pub noise_dbm: Option<f64>,
-    /// Another number of slots (N) than the scenario's
+    /// Number of slots (N), in place of the scenario's
     #[arg(long, value_name = "N")]
     pub slots: Option<u32>,
 }

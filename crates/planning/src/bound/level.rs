@@ -216,9 +216,9 @@ impl Level {
         self.quota * prices.iter().map(|&price| f64::from(price)).sum::<f64>()
     }
 
-    /// Returns the largest error of single precision along a path: each slot rounds once in `rate +
-    /// price` and once in the running sum, by at most half a unit in the last place of the largest
-    /// sum.
+    /// Returns the largest error of single precision along a path: each slot rounds once in
+    /// `rate + price` and once in the running sum, by at most half a unit in the last place of the
+    /// largest sum.
     fn rounding(&self, worth: &Worth) -> f64 {
         let finite = worth.value.iter().filter(|value| value.is_finite());
         let largest = finite.fold(0.0_f32, |largest, value| largest.max(value.abs()));

@@ -135,7 +135,7 @@ pub enum BoundError {
     NoRoom {
         /// The distance from start to destination, metres.
         distance_m: f64,
-        /// `(N + 1) V_max delta`, metres.
+        /// The largest distance that can be flown, `(N + 1) V_max delta`, metres.
         reach_m: f64,
     },
 }

@@ -221,8 +221,8 @@ impl Tube {
         Some(chain)
     }
 
-    /// Splits every live cell into four and keeps the children for which `inside(slot, column,
-    /// row)` is true.
+    /// Splits every live cell into four and keeps the children for which
+    /// `inside(slot, column, row)` is true.
     pub(crate) fn split(&self, inside: impl Fn(usize, i32, i32) -> bool + Sync) -> Self {
         let layers = self.layers.par_iter().enumerate();
         let split = layers.map(|(slot, layer)| {

@@ -43,7 +43,7 @@ pub struct PlannedMission {
     /// An estimate of an upper bound on every plan, bit/s/Hz, or `None` if only one path can be
     /// flown. `host-sim bound` computes a certified bound.
     pub upper_estimate: Option<f64>,
-    /// `(upper_estimate - sum_rate) / upper_estimate`.
+    /// The relative gap, `(upper_estimate - sum_rate) / upper_estimate`.
     pub gap_estimate: Option<f64>,
     /// The time that planning took, seconds.
     pub seconds: f64,

@@ -24,8 +24,8 @@ const FIRST_SPACING: f64 = 0.25;
 const ROUNDS_PER_SPACING: usize = 12;
 /// The relative gain below which a spacing is exhausted.
 const WORTHWHILE: f64 = 1e-4;
-/// The spacings of the stencils in which the order of service is changed, as fractions of `V_max
-/// delta`.
+/// The spacings of the stencils in which the order of service is changed, as fractions of
+/// `V_max delta`.
 const REARRANGE_SPACINGS: [f64; 2] = [0.25, 0.125];
 /// The largest number of changes at one spacing.
 const CHANGES_PER_SPACING: usize = 40;
