@@ -19,8 +19,9 @@ fn resolve(at: &HostPort) -> io::Result<SocketAddr> {
         .ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, format!("{at}: no address")))
 }
 
-/// Returns the first IPv4 address of a name, because autopilots listen at IPv4 addresses. It cannot
-/// be determined whether anything listens at another address, and both ends must use the same one.
+/// Returns the first IPv4 address of a name, because autopilots listen at IPv4 addresses, or the
+/// first address if none is IPv4. It cannot be determined whether anything listens at an address,
+/// and both ends must use the same one.
 fn preferred(mut found: impl Iterator<Item = SocketAddr>) -> Option<SocketAddr> {
     let first = found.next()?;
     if first.is_ipv4() {

@@ -17,7 +17,7 @@ pub(crate) struct Leaf {
     pub(crate) multipliers: Vec<f64>,
     /// An upper bound on every mission of the leaf, bit/s/Hz.
     pub(crate) value: f64,
-    /// The best paths at prices near the best prices, those at the nearest prices first.
+    /// The best paths at prices near the best prices, those with the smallest dual value first.
     pub(crate) paths: Vec<Vec<Position<f64>>>,
     /// Whether the paths were found to agree, so that the leaf cannot be branched.
     pub(crate) agreed: bool,
