@@ -292,7 +292,7 @@ fn a_reach_beyond_the_area_is_the_area() {
 /// The storage limit applies to the cells at which the missions are branched, not only to the
 /// larger cells at the beginning.
 #[test]
-fn the_limit_on_pairs_holds_at_the_parting_depth_too() {
+fn the_limit_on_pairs_holds_at_the_branching_depth_too() {
     let mission = shipped("separated");
     let with_pairs = |pairs_max: usize| {
         let settings = Settings { pairs_max, ..QUICK };

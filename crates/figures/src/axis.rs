@@ -1,21 +1,21 @@
-//! From values to places in a drawing: scales with readable ticks, and the panel that a figure
-//! over slots is drawn in.
+//! Maps values to positions in a drawing: scales with readable ticks, the slot axis, and the panel
+//! of figures over slots.
 
 use crate::{
     markup::{Element, element, label, line, rectangle},
     quantity, theme,
 };
 
-/// The width of every figure, in its own units: about a CSS pixel each on a desktop.
+/// The width of every figure, in its own units: about one CSS pixel each on a desktop.
 pub const WIDTH: f64 = 560.0;
-/// Where panels begin and end.
+/// The left end of panels.
 pub const LEFT: f64 = 66.0;
-/// The right end.
+/// The right end of panels.
 pub const RIGHT: f64 = WIDTH - 18.0;
-/// Beyond this many slots, figures carry no hover areas, and the page no table of slots.
+/// The number of slots above which figures have no hover areas and the page has no table of slots.
 pub const DETAILED_SLOTS_MAX: usize = 2_000;
 
-/// Values onto a line, linearly or by their logarithm.
+/// Maps values to a line, linearly or logarithmically.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     low: f64,
@@ -25,17 +25,17 @@ pub struct Scale {
     logarithmic: bool,
 }
 
-/// A mark on an axis.
+/// A tick of an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// Where it is on the axis.
+    /// The value that the tick is at.
     pub value: f64,
-    /// What is written beside it.
+    /// The text beside the tick.
     pub label: String,
 }
 
 impl Scale {
-    /// `low..high` onto `from_px..to_px`, linearly.
+    /// Creates a linear scale that maps `low..high` to `from_px..to_px`.
     pub fn linear([low, high]: [f64; 2], [from_px, to_px]: [f64; 2]) -> Self {
         Self {
             low,
@@ -46,8 +46,9 @@ impl Scale {
         }
     }
 
-    /// A scale that shows all values with some air: logarithmic where they are positive and
-    /// span more than a factor of fifty, from 0 where that is near, else just around them.
+    /// Creates a scale that shows all values with a margin. It is logarithmic if the values are
+    /// positive and span more than a factor of fifty. Otherwise it is linear and starts at 0 if the
+    /// values are near it.
     pub fn around(values: impl Iterator<Item = f64>, range_px: [f64; 2]) -> Self {
         let (low, high) = values
             .filter(|value| value.is_finite())
@@ -72,12 +73,12 @@ impl Scale {
         Self::linear([low, high + air], range_px)
     }
 
-    /// Whether equal steps are equal factors.
+    /// Returns whether the scale is logarithmic.
     pub fn is_logarithmic(&self) -> bool {
         self.logarithmic
     }
 
-    /// Where a value lies; what lies outside is drawn at the border.
+    /// Returns the position of a value. Values outside the range are drawn at the border.
     pub fn at(&self, value: f64) -> f64 {
         let share = if self.logarithmic {
             (value / self.low).ln() / (self.high / self.low).ln()
@@ -87,7 +88,7 @@ impl Scale {
         self.from_px + (self.to_px - self.from_px) * theme::within_one(share)
     }
 
-    /// About this many ticks at round values.
+    /// Returns about this many ticks at round values.
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         if self.logarithmic {
             return self.decades(about);
@@ -127,7 +128,7 @@ impl Scale {
     }
 }
 
-/// The next 1, 2 or 5 times a power of ten.
+/// Returns the smallest 1, 2 or 5 times a power of ten that is not less than `least`.
 pub fn round_step(least: f64) -> f64 {
     let decade = 10f64.powf(least.log10().floor());
     let multiple = match least / decade {
@@ -139,44 +140,44 @@ pub fn round_step(least: f64) -> f64 {
     multiple * decade
 }
 
-/// The slots of a mission side by side between [`LEFT`] and [`RIGHT`].
+/// The axis of a mission's slots, side by side between [`LEFT`] and [`RIGHT`].
 #[derive(Clone, Copy, Debug)]
 pub struct SlotAxis {
-    /// `N`, at least 1.
+    /// The number of slots, `N`, at least 1.
     slots: usize,
 }
 
 impl SlotAxis {
-    /// For this many slots.
+    /// Creates an axis of this many slots.
     pub fn new(slots: usize) -> Self {
         Self {
             slots: slots.max(1),
         }
     }
 
-    /// How wide a slot is.
+    /// Returns the width of a slot.
     pub fn band(&self) -> f64 {
         (RIGHT - LEFT) / self.slots as f64
     }
 
-    /// Where slot `n` begins.
+    /// Returns the position where slot `n` begins.
     pub fn begin(&self, slot: u32) -> f64 {
         LEFT + (f64::from(slot) - 1.0) * self.band()
     }
 
-    /// The middle of slot `n`.
+    /// Returns the middle of slot `n`.
     pub fn middle(&self, slot: u32) -> f64 {
         self.begin(slot) + self.band() / 2.0
     }
 
-    /// Whether slot `n` begins a stretch that is wide enough for a mark: where slots are narrower
-    /// than marks, not every slot can have one.
+    /// Returns whether a mark is drawn for slot `n`. If slots are narrower than marks, only the
+    /// first slot of each group that is wide enough for a mark has one.
     pub fn begins_mark(&self, slot: u32) -> bool {
         let stretch = (5.0 / self.band()).ceil().max(1.0) as u32;
         slot.saturating_sub(1).is_multiple_of(stretch)
     }
 
-    /// Ticks, their numbers, and the word below them. `y` is where the panel ends.
+    /// Draws the ticks, their numbers and the title below them. `y` is the lower end of the panel.
     pub fn draw(&self, y: f64) -> Element {
         let mut group = element("g");
         for slot in self.numbered() {
@@ -191,7 +192,7 @@ impl SlotAxis {
         ))
     }
 
-    /// The slots that get a number: round ones, and the first where there is room.
+    /// Returns the slots that have a number: round ones, and the first if there is enough space.
     fn numbered(&self) -> Vec<u32> {
         let step = round_step(self.slots as f64 / 8.0).max(1.0) as usize;
         let round = (step..=self.slots).step_by(step);
@@ -199,7 +200,7 @@ impl SlotAxis {
         first.into_iter().chain(round).map(|n| n as u32).collect()
     }
 
-    /// What a pointer over a slot says: an invisible column per slot.
+    /// Draws an invisible column per slot, with the text that is shown when a pointer is over it.
     pub fn hover(
         &self,
         [top, bottom]: [f64; 2],
@@ -220,16 +221,16 @@ impl SlotAxis {
 /// A rectangle with a vertical axis.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel {
-    /// Upper end.
+    /// The upper end.
     pub top: f64,
-    /// Lower end.
+    /// The lower end.
     pub bottom: f64,
-    /// The vertical axis, from `bottom` to `top`.
+    /// The scale of the vertical axis, from `bottom` to `top`.
     pub scale: Scale,
 }
 
 impl Panel {
-    /// Grid lines with their numbers, and the axis' title above the numbers, upright.
+    /// Draws grid lines with their numbers, and the title of the axis, upright, above the numbers.
     pub fn draw(&self, title: &str) -> Element {
         let mut group = element("g");
         let about = ((self.bottom - self.top) / 30.0).round().max(3.0);
@@ -245,34 +246,34 @@ impl Panel {
         )
     }
 
-    /// The base line.
+    /// Draws the base line.
     pub fn base(&self) -> Element {
         line("edge", [LEFT, self.bottom], [RIGHT, self.bottom])
     }
 
-    /// A bound across the panel.
+    /// Draws a bound as a line across the panel.
     pub fn bound(&self, value: f64) -> Element {
         let y = self.scale.at(value);
         line("bound", [LEFT, y], [RIGHT, y])
     }
 }
 
-/// What a mark in a figure means.
+/// An entry of a legend.
 #[derive(Clone, Debug)]
 pub struct Key {
     /// The mark, drawn around the origin, about 18 wide.
     pub mark: Element,
-    /// Its meaning.
+    /// The meaning of the mark.
     pub words: String,
 }
 
-/// A row of keys from `x`, centred on `y`; continues in further rows `18` apart. Gives the `y`
-/// of the last row.
+/// Draws a row of legend entries from `x`, centred on `y`, with further rows `18` apart if
+/// necessary. Returns the legend and the `y` of the last row.
 pub fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
     let mut group = element("g");
     let [mut x, mut y] = [left, y];
     for key in keys {
-        // Room for the larger letters of a narrow screen.
+        // Leaves enough space for the larger letters of a narrow screen.
         let width = 24.0 + text_width(&key.words, 14.0);
         if x > left && x + width > RIGHT + 8.0 {
             x = left;
@@ -293,12 +294,12 @@ pub fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
     (group, y)
 }
 
-/// About how wide words are: enough to keep labels apart.
+/// Returns the approximate width of a text, which is accurate enough to keep labels apart.
 pub fn text_width(words: &str, size: f64) -> f64 {
     words.chars().count() as f64 * size * 0.56
 }
 
-/// A figure: an accessible drawing `height` high.
+/// Creates a figure: an accessible drawing that is `height` high.
 pub fn figure(height: f64, title: &str, description: &str) -> Element {
     element("svg")
         .set("xmlns", "http://www.w3.org/2000/svg")

@@ -1,12 +1,11 @@
-//! Tables that commands write into documents, each between two marks:
-//! `<!-- NAME -->` and `<!-- /NAME -->`.
+//! Writes tables into documents, each between two marks: `<!-- NAME -->` and `<!-- /NAME -->`.
 
 use std::{fs, path::Path};
 
-/// The document with `text`, which ends in a newline, between the marks of this name.
+/// Returns the document with `text`, which must end in a newline, between the marks of this name.
 ///
 /// # Errors
-/// Which mark is missing.
+/// Returns an error that names the missing mark.
 pub fn with_table(document: &str, name: &str, text: &str) -> Result<String, String> {
     let (open, close) = (format!("<!-- {name} -->"), format!("<!-- /{name} -->"));
     let split = |text: &str, mark: &str| -> Result<(String, String), String> {
@@ -21,7 +20,7 @@ pub fn with_table(document: &str, name: &str, text: &str) -> Result<String, Stri
 /// Writes a table into a file.
 ///
 /// # Errors
-/// In one line: the file, and what is wrong with it.
+/// Returns one line: the file, and what is wrong with it.
 pub fn write_table(path: &Path, name: &str, text: &str) -> Result<(), String> {
     let named = |problem: String| format!("{}: {problem}", path.display());
     let document = fs::read_to_string(path).map_err(|error| named(error.to_string()))?;

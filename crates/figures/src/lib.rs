@@ -1,10 +1,10 @@
-//! What figures and pages are made of. Reports of flights, the page of experiments and the cards of
-//! policies all use it; nothing here knows what they show.
+//! The building blocks of figures and pages. Reports of flights, the page of experiments and the
+//! cards of policies all use them. Nothing in this crate depends on the content that is shown.
 //!
 //! * [`markup`]: elements of SVG and HTML, escaped when they are written.
-//! * [`axis`]: from values to places in a drawing, with round ticks; legends; the figure itself.
-//! * [`placement`]: labels beside marks without covering them.
-//! * [`quantity`]: numbers as people read them.
+//! * [`axis`]: scales with round ticks, legends, and the figure itself.
+//! * [`placement`]: places labels beside marks without covering them.
+//! * [`quantity`]: formats numbers for people.
 //! * [`theme`]: colours and style sheets, for light and dark.
 //! * [`document`]: tables that commands write into documents.
 

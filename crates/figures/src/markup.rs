@@ -1,14 +1,14 @@
-//! SVG and HTML as a tree of elements: well-formed by construction, text always escaped.
+//! SVG and HTML as a tree of elements: well-formed by construction, with text always escaped.
 //!
-//! Every element is closed by a tag of its own (void HTML elements by `/>`), so a page is
-//! well-formed XML as well, and a test can hand it to an XML parser.
+//! Every element has a closing tag (void HTML elements end in `/>`), so a page is also well-formed
+//! XML, and tests can parse it with an XML parser.
 
 use std::{
     borrow::Cow,
     fmt::{self, Display, Write},
 };
 
-/// HTML elements that have no content and no closing tag.
+/// The HTML elements that have no content and no closing tag.
 const VOID: [&str; 3] = ["br", "meta", "col"];
 
 /// An element with its attributes and content.
@@ -23,11 +23,11 @@ pub struct Element {
 enum Node {
     Element(Element),
     Text(Cow<'static, str>),
-    /// Style sheets and scripts of this crate, which HTML wants unescaped.
+    /// Style sheets and scripts of this crate, which must not be escaped in HTML.
     Verbatim(Cow<'static, str>),
 }
 
-/// An empty element.
+/// Creates an empty element.
 pub fn element(name: &'static str) -> Element {
     Element {
         name,
@@ -37,48 +37,48 @@ pub fn element(name: &'static str) -> Element {
 }
 
 impl Element {
-    /// With an attribute.
+    /// Adds an attribute.
     pub fn set(mut self, name: &'static str, value: impl Into<Cow<'static, str>>) -> Self {
         self.attributes.push((name, value.into()));
         self
     }
 
-    /// With a class: how it looks is written in the style sheet.
+    /// Sets the class. The style sheet defines its appearance.
     pub fn class(self, class: &'static str) -> Self {
         self.set("class", class)
     }
 
-    /// With a length or coordinate, in the drawing's unit, to a hundredth.
+    /// Adds a length or coordinate as an attribute, in the drawing's unit, rounded to a hundredth.
     pub fn at(self, name: &'static str, value: f64) -> Self {
         self.set(name, Coordinate(value).to_string())
     }
 
-    /// With text inside.
+    /// Adds text as content.
     pub fn text(mut self, text: impl Into<Cow<'static, str>>) -> Self {
         self.content.push(Node::Text(text.into()));
         self
     }
 
-    /// With a style sheet, a script or a drawing of ours inside, which is written as it is: a style
-    /// sheet or script must not hold `<` or `&`.
+    /// Adds a style sheet, a script or a drawing of this project as content, without escaping it. A
+    /// style sheet or script must not contain `<` or `&`.
     pub fn verbatim(mut self, text: impl Into<Cow<'static, str>>) -> Self {
         self.content.push(Node::Verbatim(text.into()));
         self
     }
 
-    /// With another element inside.
+    /// Adds another element as content.
     pub fn with(mut self, child: Element) -> Self {
         self.content.push(Node::Element(child));
         self
     }
 
-    /// With other elements inside.
+    /// Adds other elements as content.
     pub fn with_all(mut self, children: impl IntoIterator<Item = Element>) -> Self {
         self.content.extend(children.into_iter().map(Node::Element));
         self
     }
 
-    /// Adds an element inside.
+    /// Adds another element as content, in place.
     pub fn push(&mut self, child: Element) {
         self.content.push(Node::Element(child));
     }
@@ -102,7 +102,7 @@ impl Display for Element {
             }
         }
         write!(f, "</{}>", self.name)?;
-        // A line per drawn thing keeps the files diffable.
+        // One line per drawn element keeps the differences between files readable.
         match self.name {
             "span" | "tspan" | "sub" | "title" => Ok(()),
             _ => f.write_char('\n'),
@@ -111,7 +111,7 @@ impl Display for Element {
 }
 
 /// Text as the content of an element or an attribute. Control characters, which XML cannot
-/// carry at all, become the replacement character.
+/// represent, are written as the replacement character.
 struct Escaped<'a>(&'a str);
 
 impl Display for Escaped<'_> {
@@ -133,7 +133,8 @@ impl Display for Escaped<'_> {
     }
 }
 
-/// A coordinate to a hundredth without trailing zeros; what is not finite is drawn at 0.
+/// A coordinate, rounded to a hundredth, without trailing zeros. Numbers that are not finite are
+/// drawn at 0.
 struct Coordinate(f64);
 
 impl Display for Coordinate {
@@ -149,17 +150,17 @@ impl Display for Coordinate {
     }
 }
 
-/// The `d` of a path, a move or line at a time.
+/// The `d` attribute of a path, built from moves and lines.
 #[derive(Clone, Debug, Default)]
 pub struct PathData(String);
 
 impl PathData {
-    /// Lifts the pen and goes to a point.
+    /// Moves to a point without drawing.
     pub fn move_to(&mut self, x: f64, y: f64) {
         self.command('M', x, y);
     }
 
-    /// Draws to a point.
+    /// Draws a line to a point.
     pub fn line_to(&mut self, x: f64, y: f64) {
         self.command('L', x, y);
     }
@@ -169,7 +170,7 @@ impl PathData {
         let _ = write!(self.0, "{letter}{} {}", Coordinate(x), Coordinate(y));
     }
 
-    /// A line through points.
+    /// Returns a line through these points.
     pub fn through(points: impl IntoIterator<Item = [f64; 2]>) -> Self {
         let mut data = Self::default();
         for (index, [x, y]) in points.into_iter().enumerate() {
@@ -178,13 +179,13 @@ impl PathData {
         data
     }
 
-    /// As an element, to be filled or stroked by its class.
+    /// Returns the path as an element, which its class fills or strokes.
     pub fn path(self, class: &'static str) -> Element {
         element("path").class(class).set("d", self.0)
     }
 }
 
-/// A straight line.
+/// Creates a straight line.
 pub fn line(class: &'static str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) -> Element {
     element("line")
         .class(class)
@@ -194,7 +195,7 @@ pub fn line(class: &'static str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) -> Elem
         .at("y2", y2)
 }
 
-/// A rectangle; negative extents count as 0.
+/// Creates a rectangle. Negative extents count as 0.
 pub fn rectangle(class: &'static str, [x, y]: [f64; 2], [width, height]: [f64; 2]) -> Element {
     element("rect")
         .class(class)
@@ -204,7 +205,7 @@ pub fn rectangle(class: &'static str, [x, y]: [f64; 2], [width, height]: [f64; 2
         .at("height", height.max(0.0))
 }
 
-/// A circle.
+/// Creates a circle.
 pub fn circle(class: &'static str, [x, y]: [f64; 2], radius: f64) -> Element {
     element("circle")
         .class(class)
@@ -213,7 +214,7 @@ pub fn circle(class: &'static str, [x, y]: [f64; 2], radius: f64) -> Element {
         .at("r", radius)
 }
 
-/// Words at a place; how they are aligned is up to the class.
+/// Creates a text at a position. The class defines how it is aligned.
 pub fn label(class: &'static str, [x, y]: [f64; 2], text: impl Into<Cow<'static, str>>) -> Element {
     element("text")
         .class(class)

@@ -1,8 +1,9 @@
-//! Labels beside marks without covering marks or one another: greedy, eight places tried each.
+//! Places labels beside marks so that they cover neither marks nor each other. The algorithm is
+//! greedy and tries eight positions per label.
 
 use crate::axis::text_width;
 
-/// What is taken already.
+/// The areas of a drawing that are already occupied.
 #[derive(Clone, Debug)]
 pub struct Placement {
     bounds: Box,
@@ -17,30 +18,30 @@ struct Box {
     bottom: f64,
 }
 
-/// Where a label goes: its base line's reference point, and the class that aligns it there.
+/// The position of a label: the reference point on its base line, and how it is aligned there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
     /// The reference point.
     pub at: [f64; 2],
-    /// Which end of the words is there.
+    /// Which part of the text is at the reference point.
     pub align: Align,
-    /// How much of what is there it covers, square units: 0 if there was room.
+    /// The occupied area that the label covers, square units: 0 if there was enough space.
     pub covered: f64,
 }
 
-/// Which end of the words is at the reference point.
+/// Which part of the text is at the reference point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Align {
-    /// The words begin there.
+    /// The text begins at the reference point.
     Start,
-    /// The middle of the words is there.
+    /// The middle of the text is at the reference point.
     Middle,
-    /// The words end there.
+    /// The text ends at the reference point.
     End,
 }
 
 impl Placement {
-    /// Labels must stay within these corners.
+    /// Creates an empty drawing. Labels must stay within these corners.
     pub fn within([left, top]: [f64; 2], [right, bottom]: [f64; 2]) -> Self {
         Self {
             bounds: Box {
@@ -53,21 +54,21 @@ impl Placement {
         }
     }
 
-    /// A mark that labels must not cover.
+    /// Adds a mark that labels must not cover.
     pub fn take(&mut self, center: [f64; 2], radius: f64) {
-        // A little air: words that touch the next mark seem to name it.
+        // The margin is needed because a text that touches the next mark seems to belong to it.
         let extent = radius + 2.0;
         self.taken.push(Box::around(center, [extent, extent]));
     }
 
-    /// The best place for words of this size beside a mark, which is then taken.
+    /// Returns the best position for a text of this size beside a mark, and occupies it.
     pub fn place(&mut self, mark: [f64; 2], radius: f64, words: &str, size: f64) -> Spot {
         let spot = self.best(mark, radius, words, size);
         self.taken.push(spot.covering(words, size));
         spot
     }
 
-    /// As [`place`](Self::place), but only where there is room.
+    /// Does the same as [`place`](Self::place), but only if a position is entirely free.
     pub fn place_if_free(
         &mut self,
         mark: [f64; 2],
@@ -85,7 +86,8 @@ impl Placement {
     fn best(&self, [x, y]: [f64; 2], radius: f64, words: &str, size: f64) -> Spot {
         let gap = radius + 3.5;
         let slant = radius * 0.7 + 3.0;
-        // Capital letters are about 0.72 of the size high: `drop` centres them on a point.
+        // Capital letters are about 0.72 of the size high, so shifting by `drop` centres them on a
+        // point.
         let drop = size * 0.36;
         let candidates = [
             ([x + gap, y + drop], Align::Start),
@@ -110,10 +112,10 @@ impl Placement {
             };
             let own = spot.covering(words, size);
             let overlaps = self.taken.iter().map(|taken| taken.overlap(&own));
-            // What sticks out of the drawing is worse than any overlap.
+            // A label that extends beyond the drawing is worse than any overlap.
             let outside = own.area() - own.overlap(&self.bounds);
             spot.covered = overlaps.sum::<f64>() + 100.0 * outside.max(0.0);
-            // Rounding must not decide between two places that are equally free.
+            // Rounding must not decide between two positions that are equally free.
             if spot.covered < best.covered - 1e-6 {
                 best = spot;
             }

@@ -1,6 +1,7 @@
-//! Numbers as people read them: a number of significant digits, a proper minus sign, units.
+//! Formats numbers for people, with a number of significant digits, a proper minus sign, and units.
 
-/// `value` with `digits` significant digits; very small and very large ones as `1.23×10⁻⁷`.
+/// Formats `value` with `digits` significant digits. Very small and very large values are written
+/// as `1.23×10⁻⁷`.
 pub fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return "–".into();
@@ -8,7 +9,8 @@ pub fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".into();
     }
-    // Rounding may carry into the next decade (0.9996 to 1.000): round first, then look.
+    // Rounding may carry into the next decade (0.9996 to 1.000), so the value is rounded before its
+    // exponent is used.
     let scientific = format!("{value:.*e}", digits.saturating_sub(1));
     let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);
@@ -20,7 +22,8 @@ pub fn significant(value: f64, digits: usize) -> String {
     }
 }
 
-/// `value` as short as it can be written and read back, up to a dozen digits: 0.015, 2000, -95.
+/// Formats `value` as briefly as possible so that it can be read back, with up to a dozen digits:
+/// 0.015, 2000, -95.
 pub fn plain(value: f64) -> String {
     if !value.is_finite() {
         return "–".into();
@@ -35,25 +38,25 @@ pub fn plain(value: f64) -> String {
     minus(format!("{rounded}"))
 }
 
-/// `value` with this many decimals.
+/// Formats `value` with this many decimals.
 pub fn decimal(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "–".into();
     }
     let text = format!("{value:.decimals$}");
-    // No "-0.00".
+    // Avoids "-0.00".
     match text.strip_prefix('-') {
         Some(digits) if digits.chars().all(|c| c == '0' || c == '.') => digits.into(),
         _ => minus(text),
     }
 }
 
-/// `share` of 1 as a percentage.
+/// Formats `share`, a fraction of 1, as a percentage.
 pub fn percent(share: f64) -> String {
     format!("{} %", decimal(share * 100.0, 1))
 }
 
-/// Ten to the power of `exponent`.
+/// Formats ten to the power of `exponent`.
 pub fn power_of_ten(exponent: i32) -> String {
     match exponent {
         -3..=4 => plain(10f64.powi(exponent)),
@@ -61,7 +64,7 @@ pub fn power_of_ten(exponent: i32) -> String {
     }
 }
 
-/// "1 slot", "2 slots".
+/// Formats a number of things: "1 slot", "2 slots".
 pub fn count(number: usize, one: &str) -> String {
     match number {
         1 => format!("1 {one}"),
@@ -69,7 +72,7 @@ pub fn count(number: usize, one: &str) -> String {
     }
 }
 
-/// The unit in which a power of this size reads well, and how many of it make a watt.
+/// Returns a unit that suits a power of this size, and the number of these units in a watt.
 pub fn power_unit(size_w: f64) -> (&'static str, f64) {
     match size_w {
         size if size >= 1.0 => ("W", 1.0),
@@ -79,7 +82,7 @@ pub fn power_unit(size_w: f64) -> (&'static str, f64) {
     }
 }
 
-/// A unit as it is printed: scenario files are often ASCII.
+/// Returns a unit as it is printed. Scenario files often contain ASCII replacements.
 pub fn unit(written: &str) -> &str {
     match written {
         "degC" => "°C",
@@ -90,7 +93,7 @@ pub fn unit(written: &str) -> &str {
     }
 }
 
-/// At most this many characters of somebody's words.
+/// Shortens a text to at most this many characters.
 pub fn shortened(words: &str, characters: usize) -> String {
     match words.char_indices().nth(characters) {
         Some(_) => words.chars().take(characters - 1).chain(['…']).collect(),

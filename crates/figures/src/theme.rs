@@ -1,8 +1,9 @@
-//! Colours: a table of named ones for light and dark, and viridis for rates.
+//! Colours: a table of named colours for light and dark schemes, and viridis for rates.
 
 use crate::markup::{Element, element};
 
-/// Name, value on light, value on dark. Style sheets say `var(--name)`.
+/// Name, value in the light scheme, and value in the dark scheme. Style sheets refer to a colour as
+/// `var(--name)`.
 const COLORS: [(&str, &str, &str); 12] = [
     ("ground", "#f4f5f3", "#0e1115"),
     ("paper", "#ffffff", "#171b21"),
@@ -10,21 +11,21 @@ const COLORS: [(&str, &str, &str); 12] = [
     ("soft", "#59626e", "#a0a9b5"),
     ("grid", "#e4e7ea", "#2a3039"),
     ("edge", "#c3c9d0", "#434b57"),
-    // Lines that must not be crossed: the threshold, the physical limit, a power's maximum.
+    // Lines that must not be crossed: the threshold, the physical limit, or the maximum of a power.
     ("bound", "#b83d08", "#ff9a5c"),
-    // What was measured or estimated, beside what is computed.
+    // Measured or estimated values, as opposed to computed ones.
     ("sample", "#1f5fd0", "#82b1ff"),
     ("good", "#14713d", "#63d391"),
     ("bad", "#c0182b", "#ff7a85"),
     ("veil", "#c0182b1c", "#ff7a8526"),
-    // The planned path under the flown one.
+    // The planned path below the flown one.
     ("plan", "#c9ced6", "#4d5665"),
 ];
 
-/// How the figures' classes look, in named colours.
+/// The style sheet of the figures' classes, in named colours.
 const FIGURE_STYLE: &str = include_str!("figure.css");
 
-/// Style sheet of a page: both colour schemes; paper is always light.
+/// Returns the style sheet of a page: both colour schemes, and always the light one on paper.
 pub fn page_style() -> Element {
     let scheme =
         |pick: fn(&(&str, &str, &str)) -> String| -> String { COLORS.iter().map(pick).collect() };
@@ -37,8 +38,8 @@ pub fn page_style() -> Element {
     ))
 }
 
-/// Style sheet of a drawing that stands alone: light, its colours written out, since not every
-/// reader of SVG knows custom properties.
+/// Returns the style sheet of a drawing that is used outside a page. It is light and contains its
+/// colours as values, because not every SVG viewer supports custom properties.
 pub fn drawing_style() -> Element {
     let mut style = FIGURE_STYLE.to_owned();
     for (name, light, _) in COLORS {
@@ -47,8 +48,8 @@ pub fn drawing_style() -> Element {
     element("style").verbatim(style)
 }
 
-/// Eleven support points of matplotlib's viridis (public domain): perceptually uniform, and its
-/// lightness rises throughout, so that it survives a black-and-white printer.
+/// Eleven support points of matplotlib's viridis (public domain). The map is perceptually uniform,
+/// and its lightness increases throughout, so it remains readable when printed in black and white.
 const VIRIDIS: [[u8; 3]; 11] = [
     [68, 1, 84],
     [72, 36, 117],
@@ -63,13 +64,13 @@ const VIRIDIS: [[u8; 3]; 11] = [
     [253, 231, 37],
 ];
 
-/// The colour of `share` in 0..=1; what is not finite counts as 0.
+/// Returns the colour of `share` in 0..=1. Values that are not finite count as 0.
 pub fn viridis(share: f64) -> String {
     let [red, green, blue] = viridis_rgb(share);
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
-/// The nearest share in 0..=1; 0 for what is no number.
+/// Clamps `share` to 0..=1. NaN becomes 0.
 pub fn within_one(share: f64) -> f64 {
     match share.is_nan() {
         true => 0.0,

@@ -1,4 +1,4 @@
-//! Input files, read with a limit: a device that never ends must not take all memory.
+//! Reads input files up to a limit, so that a device without an end cannot exhaust the memory.
 
 use std::{
     fs::File,
@@ -6,13 +6,13 @@ use std::{
     path::Path,
 };
 
-/// The longest file that is read, bytes. A policy has some 100 kB, a scenario a few.
+/// The longest file that is read, bytes. A policy has about 100 kB, a scenario a few.
 pub const LONGEST_BYTES: u64 = 64 << 20;
 
-/// The content of a file.
+/// Returns the content of a file.
 ///
 /// # Errors
-/// It cannot be read, or is longer than [`LONGEST_BYTES`].
+/// Returns an error if the file cannot be read or is longer than [`LONGEST_BYTES`].
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     let mut file = File::open(path)?.take(LONGEST_BYTES + 1);
@@ -24,10 +24,10 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     Ok(content)
 }
 
-/// As [`read`], for text.
+/// Returns the content of a text file.
 ///
 /// # Errors
-/// As there, or it is no UTF-8.
+/// Returns the errors of [`read`], or an error if the content is not valid UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     String::from_utf8(read(path)?).map_err(|error| {
         io::Error::new(

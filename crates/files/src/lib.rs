@@ -1,7 +1,9 @@
-//! Files: read with a limit, written whole or not at all.
+//! File access: input with a limit on the length, and output that is written completely or not at
+//! all.
 //!
-//! * [`input`]: reading, with a limit on the length.
-//! * [`output`]: writing, so that a reader or a crash sees the old file or the new one.
+//! * [`input`]: reads files, with a limit on the length.
+//! * [`output`]: writes files so that a reader, also after a crash, sees either the old or the new
+//!   content.
 
 #![deny(missing_docs)]
 

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Writes files that appear completely or not at all.
 
 use std::{
     fs::File,
@@ -8,15 +8,16 @@ use std::{
 
 use tempfile::{Builder, NamedTempFile, TempPath};
 
-/// Writes a file so that a reader, or a crash, sees the old one or the new one.
+/// Writes a file so that a reader, also after a crash, sees either the old or the new content.
 ///
 /// # Errors
-/// The file cannot be written; what was there stays.
+/// Returns an error if the file cannot be written. The old content is then unchanged.
 pub fn write(path: &Path, content: &[u8]) -> io::Result<()> {
     Draft::write(path, content)?.publish()
 }
 
-/// A file that is complete on the disk and does not have its name yet. Dropping it deletes it.
+/// A file that is complete on the disk but does not have its final name yet. It is deleted when it
+/// is dropped.
 #[derive(Debug)]
 pub struct Draft {
     content: TempPath,
@@ -24,10 +25,10 @@ pub struct Draft {
 }
 
 impl Draft {
-    /// Writes the content beside the place where the file is to be.
+    /// Writes the content to a temporary file in the folder of `path`.
     ///
     /// # Errors
-    /// The folder cannot be written, or the disk is full.
+    /// Returns an error if the folder is not writable or the disk is full.
     pub fn write(path: &Path, content: &[u8]) -> io::Result<Self> {
         let mut file = hidden(folder(path))?;
         file.write_all(content)?;
@@ -38,24 +39,25 @@ impl Draft {
         })
     }
 
-    /// Gives the file its name, in place of an older file of that name.
+    /// Gives the file its final name. An older file of that name is replaced.
     ///
     /// # Errors
-    /// The name cannot be taken, by a folder that has it, for one.
+    /// Returns an error if the name cannot be used, for example because a folder has it.
     pub fn publish(self) -> io::Result<()> {
         self.content
             .persist(&self.path)
             .map_err(|failed| failed.error)?;
-        // The new name itself has to reach the disk; not every file system lets one ask.
+        // The new name itself must reach the disk as well. Not every file system supports such a
+        // request.
         let _ = File::open(folder(&self.path)).and_then(|folder| folder.sync_all());
         Ok(())
     }
 }
 
-/// Fails if no file can be written into a folder.
+/// Checks that a file can be written into a folder.
 ///
 /// # Errors
-/// That of the attempt.
+/// Returns the error of the attempt.
 pub fn probe(folder: &Path) -> io::Result<()> {
     hidden(folder).map(drop)
 }
@@ -67,14 +69,14 @@ fn folder(path: &Path) -> &Path {
     }
 }
 
-/// A temporary file with the permissions of any other file.
+/// Creates a temporary file with the permissions of an ordinary file.
 fn hidden(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
     builder.prefix(".").suffix(".partial");
     #[cfg(unix)]
     {
         use std::{fs::Permissions, os::unix::fs::PermissionsExt};
-        // As far as the umask allows.
+        // These are the permissions before the umask is applied.
         builder.permissions(Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder)

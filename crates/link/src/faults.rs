@@ -1,11 +1,12 @@
-//! Everything that can go wrong on the ground link, on purpose: bytes lost, flipped, inserted and
-//! repeated, frames cut, silence, floods; frames of another version, states about another slot,
-//! with too few gains, too late; gains that are no gains, sensors and users that vanish.
+//! Fault injection for the ground link: bytes that are lost, flipped, inserted or repeated, cut
+//! frames, silence and floods; frames of another protocol version; states about another slot, with
+//! too few gains, or too late; gains that are invalid, and sensors and users that vanish.
 //!
-//! A [`FaultyLink`] lies between the two ends: bytes go in and bytes come out, in both directions,
-//! so it goes around an onboard computer in this process or one at the end of a socket. What goes
-//! wrong when is a [`Schedule`]; the same seed gives the same damage. ([`lossy`](super::lossy)
-//! does the same for frames and time on the MAVLink side.)
+//! A [`FaultyLink`] is placed between the two ends: bytes go in and bytes come out, in both
+//! directions. It therefore works with an onboard computer in the same process and with one at the
+//! end of a socket. A [`Schedule`] defines which faults occur in which slots. The same seed gives
+//! the same damage. ([`lossy`](super::lossy) does the same for frames and time on the MAVLink
+//! side.)
 
 use firmware_core::{
     PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
@@ -15,44 +16,45 @@ use firmware_core::{
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Something that goes wrong.
+/// A fault of the link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// Bytes are lost, each with this probability.
+    /// Each byte is lost with this probability.
     Lose(f64),
-    /// Bytes have a bit flipped, each with this probability.
+    /// Each byte has one bit flipped with this probability.
     Flip(f64),
-    /// Before each byte another is inserted with this probability, as often a delimiter as not.
+    /// Before each byte, another one is inserted with this probability. Half of the inserted bytes
+    /// are delimiters.
     Insert(f64),
-    /// Bytes come twice, each with this probability.
+    /// Each byte is repeated with this probability.
     Repeat(f64),
-    /// Frames end somewhere in the middle.
+    /// Frames are truncated at a random position.
     Cut,
     /// Nothing passes.
     Silence,
-    /// Before every frame comes so much noise without a delimiter.
+    /// Before every frame, this many bytes of noise without a delimiter are inserted.
     Flood(usize),
-    /// To the vehicle: a frame of another protocol version before each frame.
+    /// To the vehicle: a frame of another protocol version is inserted before each frame.
     OtherVersion,
-    /// To the vehicle: its own kind of message comes back before each frame.
+    /// To the vehicle: a message of the kind that it sends itself is inserted before each frame.
     Echo,
-    /// To the vehicle: states come twice.
+    /// To the vehicle: states are sent twice.
     Twice,
-    /// To the vehicle: states are about a slot so many away.
+    /// To the vehicle: states are about a slot this many away.
     OtherSlot(i8),
-    /// To the vehicle: states have a gain too few, of a user or of a sensor.
+    /// To the vehicle: states have one gain too few, of a user or of a sensor.
     TooFew(Node),
-    /// To the vehicle: states come after the next slot's arrival, one slot late.
+    /// To the vehicle: states arrive after the next slot's arrival, one slot late.
     Late,
-    /// To the vehicle: gains are no gains, each with this probability.
+    /// To the vehicle: each gain is replaced by an invalid one with this probability.
     NoGain(f64),
-    /// Sensors are not heard, each with this probability.
+    /// Each sensor is not received with this probability.
     SensorsVanish(f64),
-    /// Users are not heard, each with this probability.
+    /// Each user is not received with this probability.
     UsersVanish(f64),
 }
 
-/// Who sends to the vehicle over the air.
+/// The sender of a message to the vehicle over the air.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Node {
     /// A user.
@@ -62,7 +64,8 @@ pub enum Node {
 }
 
 impl Fault {
-    /// Whether it damages bytes, so that what becomes of a frame is not decided by the schedule.
+    /// Returns whether the fault damages bytes, so that the schedule alone does not determine what
+    /// happens to a frame.
     pub fn is_damage(&self) -> bool {
         matches!(
             self,
@@ -71,7 +74,7 @@ impl Fault {
     }
 
     fn draw(random: &mut impl Rng) -> Self {
-        // From one byte in a mission to every third.
+        // From one byte in a mission to every third byte.
         let mut rate = || 10f64.powf(random.random_range(-4.0..-0.5));
         let rate = rate();
         let share = random.random_range(0.02..1.0);
@@ -86,7 +89,8 @@ impl Fault {
             7 => Self::OtherVersion,
             8 => Self::Echo,
             9 => Self::Twice,
-            // Never one ahead: such a state that comes late would be taken for the right one.
+            // The offset is never one slot ahead: such a state, if it is late, would be accepted as
+            // the right one.
             10 => Self::OtherSlot(if random.random() { 100 } else { -1 }),
             11 if random.random() => Self::TooFew(Node::User),
             11 => Self::TooFew(Node::Sensor),
@@ -98,7 +102,7 @@ impl Fault {
     }
 }
 
-/// Which way bytes go.
+/// The direction in which bytes are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// From the ground to the vehicle.
@@ -107,28 +111,28 @@ pub enum Direction {
     Down,
 }
 
-/// A fault for some slots.
+/// A fault that occurs in a range of slots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Episode {
-    /// What.
+    /// The fault.
     pub fault: Fault,
-    /// Which way. Faults of messages are all on the way up.
+    /// The direction that is affected. Faults of messages always affect the way up.
     pub direction: Direction,
-    /// The first slot that it befalls.
+    /// The first slot that is affected.
     pub from_slot: u32,
-    /// The first slot after it.
+    /// The first slot after those that are affected.
     pub to_slot: u32,
 }
 
-/// What goes wrong when.
+/// The faults of a mission and the slots in which they occur.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Schedule {
-    /// In no order; what overlaps adds up.
+    /// The episodes, in any order. Episodes that overlap are all applied.
     pub episodes: Vec<Episode>,
 }
 
 impl Schedule {
-    /// One to four random episodes within slots `from_slot` to `to_slot`, the latter excluded.
+    /// Draws one to four random episodes from slot `from_slot` to `to_slot`, the latter excluded.
     pub fn draw(random: &mut impl Rng, from_slot: u32, to_slot: u32) -> Self {
         let episodes = (0..random.random_range(1..=4)).map(|_| {
             let begin = random.random_range(from_slot..to_slot);
@@ -151,7 +155,7 @@ impl Schedule {
         }
     }
 
-    /// The faults of a slot in a direction.
+    /// Returns the faults of a slot in a direction.
     pub fn faults(&self, slot: u32, direction: Direction) -> impl Iterator<Item = Fault> + '_ {
         self.episodes
             .iter()
@@ -160,21 +164,21 @@ impl Schedule {
     }
 }
 
-/// What a [`FaultyLink`] has put onto the vehicle's end.
+/// What a [`FaultyLink`] has sent to the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Injected {
-    /// Pieces between delimiters, empty ones not counted: what the vehicle's counters must add
-    /// up to, whatever was damaged.
+    /// The number of non-empty pieces between delimiters. The counters of the vehicle must add up
+    /// to this number, whatever was damaged.
     pub pieces: u32,
-    /// Frames of another version.
+    /// The number of frames of another protocol version.
     pub other_version: u32,
-    /// Messages of the vehicle's own kind.
+    /// The number of messages of the kind that the vehicle sends itself.
     pub echoes: u32,
-    /// States with a gain too few.
+    /// The number of states with a gain too few.
     pub too_few: u32,
 }
 
-/// The ground link with faults in it. `T` is the precision that both ends speak.
+/// A ground link with faults. `T` is the precision that both ends use.
 #[derive(Debug)]
 pub struct FaultyLink<T: Scalar> {
     schedule: Schedule,
@@ -184,9 +188,9 @@ pub struct FaultyLink<T: Scalar> {
     slot: u32,
     from_vehicle: Decoder,
     from_ground: Decoder,
-    /// Frames that come when the slot is over.
+    /// The frames that are sent when the slot is over.
     late: Vec<(u32, Vec<u8>)>,
-    /// Whether the byte before was a delimiter, or none has passed.
+    /// Whether the previous byte was a delimiter, or no byte has passed.
     between_pieces: bool,
     injected: Injected,
     precision: core::marker::PhantomData<T>,
@@ -195,7 +199,7 @@ pub struct FaultyLink<T: Scalar> {
 type AnyMessage<T> = Message<T, USERS_MAX, SENSORS_MAX>;
 
 impl<T: Scalar> FaultyLink<T> {
-    /// A link with this schedule.
+    /// Creates a link with this schedule.
     pub fn new(schedule: Schedule, seed: u64) -> Self {
         Self {
             schedule,
@@ -211,12 +215,12 @@ impl<T: Scalar> FaultyLink<T> {
         }
     }
 
-    /// What the vehicle was sent.
+    /// Returns what was sent to the vehicle.
     pub fn injected(&self) -> &Injected {
         &self.injected
     }
 
-    /// Bytes from the vehicle on their way to the ground.
+    /// Transfers bytes from the vehicle to the ground.
     pub fn down(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut out = Vec::new();
         for &byte in bytes {
@@ -233,7 +237,7 @@ impl<T: Scalar> FaultyLink<T> {
         out
     }
 
-    /// Bytes from the ground on their way to the vehicle; also asks for those that are late.
+    /// Transfers bytes from the ground to the vehicle. It must also be called to fetch late frames.
     pub fn up(&mut self, bytes: &[u8]) -> Vec<u8> {
         let faults: Vec<Fault> = self.schedule.faults(self.slot, Direction::Up).collect();
         let now = self.slot;
@@ -261,7 +265,7 @@ impl<T: Scalar> FaultyLink<T> {
         out
     }
 
-    /// A message and what goes before it, as frames.
+    /// Returns a message, and what is inserted before it, as frames.
     fn spoil(&mut self, mut message: AnyMessage<T>, faults: &[Fault]) -> Vec<u8> {
         let mut frames = Vec::new();
         for fault in faults {
@@ -293,7 +297,7 @@ impl<T: Scalar> FaultyLink<T> {
     }
 
     fn spoil_state(&self, state: &mut ChannelState<T, USERS_MAX, SENSORS_MAX>, fault: Fault) {
-        // A generator per slot: an answer that is given twice is the same twice.
+        // Each slot has its own generator, so that a repeated answer is damaged in the same way.
         let mut random = Pcg64Mcg::seed_from_u64(self.seed ^ (u64::from(state.slot) << 20));
         let mut each = |gains: &mut [PowerGain<T>], share: f64, value: &dyn Fn(usize) -> f64| {
             for gain in gains {
@@ -303,7 +307,7 @@ impl<T: Scalar> FaultyLink<T> {
                 }
             }
         };
-        // Above 1 more power would arrive than was sent.
+        // With a gain above 1, more power would be received than was sent.
         let no_gain = |kind: usize| [f64::NAN, f64::INFINITY, -1e-11, 1.5][kind];
         match fault {
             Fault::OtherSlot(by) => state.slot = state.slot.saturating_add_signed(by.into()),
@@ -319,7 +323,7 @@ impl<T: Scalar> FaultyLink<T> {
         }
     }
 
-    /// What the medium makes of bytes.
+    /// Applies the faults of the medium to bytes.
     fn carry(&mut self, bytes: &[u8], faults: &[Fault]) -> Vec<u8> {
         let mut bytes = bytes.to_vec();
         if bytes.is_empty() {
@@ -371,6 +375,6 @@ fn frame<T: Scalar>(message: &AnyMessage<T>) -> Vec<u8> {
 
 fn frame_as<T: Scalar>(version: u8, message: &AnyMessage<T>) -> Vec<u8> {
     let mut buffer = [0; FRAME_MAX];
-    // Every message fits: `encode_as` does not compile where one could be too long.
+    // Every message fits into the buffer: `encode_as` does not compile if one could be too long.
     link::encode_as(version, message, &mut buffer).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
 }

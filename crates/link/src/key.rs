@@ -1,4 +1,4 @@
-//! Key files for MAVLink 2 signing: 64 hexadecimal digits, or 32 bytes as they are.
+//! Reads key files for MAVLink 2 signing: 64 hexadecimal digits, or 32 raw bytes.
 
 use std::fs::File;
 use std::io::Read;
@@ -6,36 +6,39 @@ use std::path::Path;
 
 use firmware_core::autopilot::wire::signing::SigningKey;
 
-/// A key file that cannot be used. The key itself is in no message.
+/// Error returned when a key file cannot be used. No message contains the key itself.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("key file {path}: {error}")]
     Read {
-        /// Which file.
+        /// The path of the file.
         path: String,
-        /// Why.
+        /// The reason.
         error: std::io::Error,
     },
-    /// Others than its owner can read or change it.
+    /// Others than the owner can read or change the file.
     #[error("key file {path}: mode {mode:03o} lets others in; it must be 600 or 400 (chmod 600)")]
     Permissions {
-        /// Which file.
+        /// The path of the file.
         path: String,
-        /// Its permission bits.
+        /// The permission bits of the file.
         mode: u32,
     },
-    /// It is no key.
+    /// The content is not a key.
     #[error("key file {path}: {length} bytes; it must hold 64 hexadecimal digits or 32 bytes")]
     Format {
-        /// Which file.
+        /// The path of the file.
         path: String,
-        /// Its length (at most 67 are looked at).
+        /// The length of the content. At most 67 bytes are read.
         length: usize,
     },
 }
 
 /// Reads a key.
+///
+/// # Errors
+/// Returns an error if the file cannot be read, is accessible to others, or does not contain a key.
 pub fn read(path: &Path) -> Result<SigningKey, KeyError> {
     let failed = |error| KeyError::Read {
         path: path.display().to_string(),
@@ -45,7 +48,8 @@ pub fn read(path: &Path) -> Result<SigningKey, KeyError> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // Of the file that was opened, not of whatever has its name by now.
+        // The permissions are read from the open file, because its path may name another file by
+        // now.
         let mode = file.metadata().map_err(failed)?.permissions().mode() & 0o777;
         if mode & 0o077 != 0 {
             return Err(KeyError::Permissions {

@@ -1,16 +1,16 @@
-//! Links to autopilots: bytes to somewhere and back, never blocking for ever.
+//! Links to autopilots: they transfer bytes in both directions and never block indefinitely.
 //!
 //! ```text
 //! LinkAddress (a --link string) ─ open ─ Link (udpin, udpout, tcpout, serial)
 //!                                          ├ Port: frames, checks, numbers, signs, logs
-//!                                          ├ GroundStationTap: a ground station that listens beside
+//!                                          ├ GroundStationTap: a ground station that observes the flight
 //!                                          └ lossy::Impaired: a bad radio, seeded
 //! ```
 
 #![deny(missing_docs)]
 
-mod beside;
 pub mod faults;
+mod ground_station_tap;
 pub mod key;
 pub mod lossy;
 mod port;
@@ -24,38 +24,39 @@ use std::io;
 use std::str::FromStr;
 use std::time::Duration;
 
-pub use beside::GroundStationTap;
+pub use ground_station_tap::GroundStationTap;
 pub use port::Port;
 
-/// Bytes to and from one place.
+/// A bidirectional link to one place.
 pub trait Link: Send + fmt::Debug {
-    /// Sends a frame. A link that is down drops it and says so with `Ok(false)`; it comes
-    /// back by itself.
+    /// Sends a frame. A link that is down drops the frame and returns `Ok(false)`. It recovers by
+    /// itself.
     fn send(&mut self, frame: &[u8]) -> io::Result<bool>;
 
-    /// Waits at most `timeout` for bytes and puts them into `buffer` (emptied first). Returns
-    /// false if none came.
+    /// Waits at most `timeout` for bytes and puts them into `buffer`, which is cleared first.
+    /// Returns false if no bytes were received.
     fn receive(&mut self, buffer: &mut Vec<u8>, timeout: Duration) -> io::Result<bool>;
 
-    /// Whether what is received together was sent together: then a frame never continues in
-    /// the next piece.
+    /// Returns whether bytes that are received together were sent together. A frame then never
+    /// continues in the next piece.
     fn is_datagram(&self) -> bool;
 
-    /// Why the link is down, where that is known: for the complaint when nobody was heard.
+    /// Returns why the link is down, if it is known. It is part of the message that reports missing
+    /// heartbeats.
     fn last_error(&self) -> Option<String> {
         None
     }
 }
 
-/// Nobody was heard at the other end of a link.
+/// Error returned when nothing was heard from the other end of a link.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("no heartbeat of an autopilot in {waited_s:.0} s: {}", self.likely_reason())]
 pub struct NoHeartbeat {
-    /// For how long, seconds of the vehicle's time.
+    /// The time that was waited, seconds of the vehicle's time.
     pub waited_s: f64,
-    /// Frames that came and were refused for their signature.
+    /// The number of frames that were rejected because of their signature.
     pub refused: u32,
-    /// Why the link is down, where that is known.
+    /// The reason why the link is down, if it is known.
     pub last_error: Option<String>,
 }
 
@@ -72,36 +73,36 @@ impl NoHeartbeat {
     }
 }
 
-/// Where an autopilot is, as `--link` says it.
+/// The address of an autopilot, as given by `--link`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum LinkAddress {
     /// The built-in vehicle, in this process.
     Builtin,
-    /// Send UDP datagrams there; answers come back.
+    /// UDP datagrams are sent to this address; answers are received from it.
     UdpOut(HostPort),
-    /// Wait for UDP datagrams here; answer whoever sends.
+    /// UDP datagrams are received at this address; every sender is answered.
     UdpIn(HostPort),
-    /// Connect to a TCP server.
+    /// A connection is made to this TCP server.
     TcpOut(HostPort),
     /// A serial device.
     Serial {
-        /// Its path.
+        /// The path of the device.
         device: String,
-        /// Bits per second.
+        /// The rate, bits per second.
         baud: u32,
     },
 }
 
-/// A host name or address and a port.
+/// A host name or address, and a port.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct HostPort {
-    /// Name, IPv4 address, or IPv6 address without brackets.
+    /// The name, IPv4 address, or IPv6 address without brackets.
     pub host: String,
-    /// Port.
+    /// The port.
     pub port: u16,
 }
 
-/// A `--link` string that means nothing.
+/// Error returned when a `--link` string is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "link {given:?}: {problem}; expected builtin, udpout:HOST:PORT, udpin:HOST:PORT, \
@@ -202,8 +203,9 @@ impl fmt::Display for LinkAddress {
 }
 
 impl LinkAddress {
-    /// Opens it. Sockets are bound at once; a TCP server or a serial device that is not there
-    /// yet is tried again while the link is used. The built-in vehicle is no such link.
+    /// Opens the link. Sockets are bound at once. If a TCP server or a serial device is not
+    /// available yet, opening it is retried while the link is used. The built-in vehicle cannot be
+    /// opened as a link.
     pub fn open(&self) -> io::Result<Box<dyn Link>> {
         Ok(match self {
             Self::Builtin => {
@@ -218,12 +220,12 @@ impl LinkAddress {
     }
 }
 
-/// Waits before trying again: twice as long each time, up to a limit.
+/// The wait before a retry. It doubles each time, up to a limit.
 #[derive(Debug)]
 struct BackOff {
     wait: Duration,
     next: Option<std::time::Instant>,
-    /// What went wrong last.
+    /// The last error.
     reason: Option<io::Error>,
 }
 
@@ -251,7 +253,8 @@ impl BackOff {
     }
 }
 
-/// Errors that mean "nothing now", not "broken".
+/// Returns whether an error means that nothing is available now, rather than that the link is
+/// broken.
 fn is_idle(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -259,12 +262,12 @@ fn is_idle(error: &io::Error) -> bool {
     )
 }
 
-/// How often a socket is asked whether something came.
+/// The interval at which a socket is polled.
 const ASK_EVERY: Duration = Duration::from_micros(200);
 
-/// Asks a non-blocking socket until it has something, or `timeout` has passed: `Ok(None)`. A
-/// socket's own time-out is rounded up to ticks of the kernel (8 ms where this was measured),
-/// which is too coarse for a loop that looks every 2 ms.
+/// Polls a non-blocking socket until it has something to return, or returns `Ok(None)` when
+/// `timeout` has passed. A socket's own time-out is rounded up to ticks of the kernel (8 ms where
+/// this was measured), which is too coarse for a loop that polls every 2 ms.
 fn patiently<T>(
     timeout: Duration,
     mut attempt: impl FnMut() -> io::Result<T>,
@@ -284,7 +287,7 @@ fn patiently<T>(
     }
 }
 
-/// The longest piece that is received at once.
+/// The largest number of bytes that are received at once.
 const PIECE: usize = 4096;
 
 #[cfg(test)]

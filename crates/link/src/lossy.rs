@@ -1,9 +1,10 @@
-//! What a bad radio does to frames: loss, duplication, reordering, corruption, delay, a cut.
+//! The effects of a bad radio on frames: loss, duplication, reordering, corruption, delay and
+//! outage.
 //!
-//! A [`Channel`] is one direction, without I/O: frames go in with the time, and come out when
-//! they are due, if at all. It goes between two state machines; [`Impaired`] puts two of them
-//! around any link. An [`Impairment`] is how the command line says it. The same seed gives the
-//! same losses.
+//! A [`Channel`] is one direction, without I/O: frames go in with the present time, and come out
+//! when they are due, unless they are lost. It can connect two state machines. [`Impaired`] puts
+//! two channels around any link. An [`Impairment`] is the form used on the command line. The same
+//! seed gives the same losses.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -17,22 +18,23 @@ use rand_pcg::Pcg64Mcg;
 
 use super::Link;
 
-/// How bad it is. Probabilities are per frame.
+/// The faults of a channel. Probabilities are per frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// A frame is lost.
+    /// The probability that a frame is lost.
     pub loss: f64,
-    /// A frame comes twice.
+    /// The probability that a frame is delivered twice.
     pub duplication: f64,
-    /// A frame is held back by up to `reordering_delay`, so that others overtake it.
+    /// The probability that a frame is held back by up to `reordering_delay`, so that others
+    /// overtake it.
     pub reordering: f64,
-    /// How far a frame can be held back.
+    /// The longest time for which a frame is held back.
     pub reordering_delay: Duration,
-    /// One bit of a frame is wrong.
+    /// The probability that one bit of a frame is flipped.
     pub corruption: f64,
-    /// Every frame is late by this.
+    /// The delay of every frame.
     pub delay: Duration,
-    /// Nothing passes from the first moment to the second.
+    /// The outage: nothing passes from the first time to the second.
     pub cut: Option<(Instant, Instant)>,
 }
 
@@ -41,13 +43,13 @@ pub struct Faults {
 pub struct Channel {
     faults: Faults,
     random: Pcg64Mcg,
-    /// By due time, then in the order they came.
+    /// The frames under way, by due time and then in the order in which they were sent.
     waiting: BinaryHeap<Reverse<(Instant, u64, Vec<u8>)>>,
     came: u64,
 }
 
 impl Channel {
-    /// A channel with these faults.
+    /// Creates a channel with these faults.
     pub fn new(faults: Faults, seed: u64) -> Self {
         Self {
             faults,
@@ -57,12 +59,12 @@ impl Channel {
         }
     }
 
-    /// A frame is sent.
+    /// Sends a frame.
     pub fn push(&mut self, now: Instant, frame: &[u8]) {
         let f = &self.faults;
         let is_cut = f.cut.is_some_and(|(from, to)| from <= now && now < to);
-        // Every draw is made for every frame: what happens to one frame does not change what
-        // happens to the next.
+        // Every random number is drawn for every frame, so that the fate of one frame does not
+        // change that of the next.
         let mut draw = || self.random.random::<f64>();
         let (lost, twice, held, wrong) = (draw(), draw(), draw(), draw());
         let (how_long, which_bit) = (draw(), draw());
@@ -85,7 +87,7 @@ impl Channel {
         }
     }
 
-    /// The next frame that arrives by `now`.
+    /// Returns the next frame that arrives by `now`.
     pub fn pop(&mut self, now: Instant) -> Option<Vec<u8>> {
         let due = self
             .waiting
@@ -97,21 +99,21 @@ impl Channel {
     }
 }
 
-/// How bad both directions of a link are, as `--impair` says it:
+/// The faults of both directions of a link, in the form of `--impair`:
 /// `loss=0.2,duplicate=0.05,reorder=0.05,reorder-ms=100,corrupt=0.01,delay-ms=40,seed=3`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Impairment {
-    /// What happens to frames.
+    /// The faults of each direction.
     pub faults: Faults,
-    /// Of the draws.
+    /// The seed of the random numbers.
     pub seed: u64,
 }
 
-/// How far a frame is held back at most unless `reorder-ms` says so.
+/// The longest time for which a frame is held back, unless `reorder-ms` is given.
 const REORDERING_DELAY: Duration = Duration::from_millis(100);
 
 impl Impairment {
-    /// To the vehicle, and from it: two streams of one seed.
+    /// Returns the channels to the vehicle and from it, with two random streams of one seed.
     pub fn channels(&self) -> (Channel, Channel) {
         let channel = |seed| Channel::new(self.faults.clone(), seed);
         (channel(self.seed), channel(!self.seed))
@@ -159,8 +161,8 @@ impl FromStr for Impairment {
     }
 }
 
-/// A bad radio around a link, in real time. What it does it does to whole frames on the way out,
-/// and on the way in to what was received together: a datagram, or a piece of a stream.
+/// A bad radio around a link, in real time. On the way out, it affects whole frames. On the way in,
+/// it affects what was received together: a datagram, or a piece of a stream.
 #[derive(Debug)]
 pub struct Impaired {
     link: Box<dyn Link>,
@@ -171,10 +173,10 @@ pub struct Impaired {
 }
 
 impl Impaired {
-    /// The link's own look at a quiet line, at most.
+    /// The longest time for which the inner link waits for input.
     const LOOK: WallDuration = WallDuration::from_millis(1);
 
-    /// Around this link.
+    /// Wraps a link.
     pub fn new(link: Box<dyn Link>, impairment: &Impairment) -> Self {
         let (up, down) = impairment.channels();
         Self {
@@ -264,7 +266,7 @@ mod tests {
         }
     }
 
-    /// A link that gives back what it was sent.
+    /// A link that returns what was sent to it.
     #[derive(Debug, Default)]
     struct Echo(std::collections::VecDeque<Vec<u8>>);
 

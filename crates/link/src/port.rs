@@ -1,4 +1,4 @@
-//! MAVLink over a link: frames in and out, checked, numbered and logged.
+//! MAVLink over a link: frames in both directions are checked, numbered and logged.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -32,7 +32,7 @@ impl fmt::Debug for Port {
 }
 
 impl Port {
-    /// Speaks as `own` over `link`, until [`send_as`](Self::send_as).
+    /// Creates a port that sends as `own` over `link`, until [`send_as`](Self::send_as) changes it.
     pub fn new(link: Box<dyn Link>, own: Address) -> Self {
         Self {
             link,
@@ -44,12 +44,12 @@ impl Port {
         }
     }
 
-    /// Logs every frame from now on, sent or received.
+    /// Starts to log every frame that is sent or received.
     pub fn log_to(&mut self, log: TlogWriter<Box<dyn Write + Send>>) {
         self.log = Some(log);
     }
 
-    /// Signs what is sent, as link `link`, and takes only what is rightly signed.
+    /// Signs what is sent, with the link id `link`, and accepts only frames with a valid signature.
     pub fn sign_with(&mut self, key: SigningKey, link: u8) {
         let now_us = wall_clock_us();
         self.encoder
@@ -62,17 +62,17 @@ impl Port {
         self.encoder.send_as(own);
     }
 
-    /// What went by.
+    /// Returns the counters of received frames.
     pub fn counters(&self) -> Counters {
         self.decoder.counters()
     }
 
-    /// Why the link is down, where that is known.
+    /// Returns why the link is down, if it is known.
     pub fn last_error(&self) -> Option<String> {
         self.link.last_error()
     }
 
-    /// Sends a message; false if the link is down and dropped it.
+    /// Sends a message. Returns false if the link is down and the message was dropped.
     pub fn send(&mut self, now: Instant, message: &MavMessage) -> io::Result<bool> {
         let mut buffer = [0; MAX_FRAME];
         if let Some(signer) = self.encoder.signer_mut() {
@@ -85,8 +85,8 @@ impl Port {
         self.link.send(frame)
     }
 
-    /// The next message. If none is there, waits at most `timeout` for bytes. A frame whose
-    /// content makes no sense (a value outside an enumeration) is logged and skipped.
+    /// Returns the next message. If none has been received, waits at most `timeout` for bytes. A
+    /// frame with invalid content (a value outside an enumeration) is logged and skipped.
     pub fn receive(
         &mut self,
         now: Instant,
@@ -109,7 +109,7 @@ impl Port {
         Ok(self.received.pop_front())
     }
 
-    /// Writes out the log.
+    /// Flushes the log.
     pub fn flush(&mut self) -> io::Result<()> {
         self.log.as_mut().map_or(Ok(()), TlogWriter::flush)
     }

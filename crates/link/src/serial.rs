@@ -16,7 +16,7 @@ mod unix {
 
     use crate::{BackOff, Link, PIECE, is_idle};
 
-    /// A device that may be unplugged and come back.
+    /// A device that may be unplugged and plugged in again.
     #[derive(Debug)]
     pub(crate) struct Serial {
         device: String,
@@ -26,7 +26,8 @@ mod unix {
     }
 
     impl Serial {
-        /// Opens the device; an error here is bad input, later ones are tried over.
+        /// Opens the device. An error here means invalid input; after later errors, opening is
+        /// retried.
         pub(crate) fn open(device: &str, baud: u32) -> io::Result<Self> {
             Ok(Self {
                 file: Some(configured(device, baud)?),
@@ -84,7 +85,7 @@ mod unix {
             };
             match file.write_all(frame) {
                 Ok(()) => Ok(true),
-                // The device's buffer is full: the receiver resynchronises on the next frame.
+                // The device's buffer is full: the receiver resynchronizes on the next frame.
                 Err(error) if is_idle(&error) => Ok(false),
                 Err(error) => {
                     self.broken(error);
@@ -152,7 +153,8 @@ mod unix {
             let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
             let mut link = Serial::open(&name, 57_600).unwrap();
             let mut other = File::from(master);
-            // Every byte value: a terminal that is not raw would change some of them.
+            // Every byte value is sent, because a terminal that is not in raw mode would change
+            // some.
             let bytes: Vec<u8> = (0..=255).collect();
             assert!(link.send(&bytes).unwrap());
             let mut got = vec![0; 256];
@@ -186,7 +188,7 @@ mod elsewhere {
 
     use crate::Link;
 
-    /// Serial devices are opened on Unix only.
+    /// Serial devices are supported on Unix only.
     #[derive(Debug)]
     pub(crate) enum Serial {}
 

@@ -1,7 +1,7 @@
-//! TCP to a server that may come and go.
+//! A TCP connection to a server that may become unavailable and available again.
 //!
-//! The name is resolved and the connection is made on a thread of their own, because both can take
-//! seconds, and a flight goes on meanwhile.
+//! A separate thread resolves the name and makes the connection, because both can take seconds
+//! while a flight continues.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
@@ -12,17 +12,17 @@ use super::{BackOff, HostPort, Link, PIECE, patiently};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
-/// What was sent and is not acknowledged for so long is dropped, and the connection with it: an
-/// order for a vehicle must not arrive long after it was given, nor after this process has ended.
+/// Data that has not been acknowledged for this long is dropped together with the connection. A
+/// command for a vehicle must not arrive long after it was given, nor after this process has ended.
 #[cfg(target_os = "linux")]
 const UNACKNOWLEDGED: Duration = Duration::from_secs(3);
 
-/// A connection that is made when it is needed, and again when it broke.
+/// A connection that is made when it is needed, and made again after it has failed.
 #[derive(Debug)]
 pub(super) struct TcpOut {
     to: HostPort,
     stream: Option<TcpStream>,
-    /// The attempt to connect that is under way.
+    /// The attempt to connect that is in progress.
     attempt: Option<Receiver<io::Result<TcpStream>>>,
     back_off: BackOff,
 }
@@ -37,8 +37,8 @@ impl TcpOut {
         }
     }
 
-    /// The connection, if there is one. Never waits: without one it sees to it that one is being
-    /// made.
+    /// Returns the connection, if there is one. Never waits: if there is no connection, an attempt
+    /// to make one is started.
     fn connected(&mut self) -> Option<&mut TcpStream> {
         if self.stream.is_none() {
             match &self.attempt {
@@ -53,7 +53,7 @@ impl TcpOut {
                     let (outcome, attempt) = sync_channel(1);
                     let to = self.to.clone();
                     std::thread::spawn(move || {
-                        // Nobody waits for the outcome any more if the link has been closed.
+                        // If the link has been closed, the result is no longer needed.
                         let _ = outcome.send(connect(&to));
                     });
                     self.attempt = Some(attempt);
@@ -92,7 +92,8 @@ fn connect(to: &HostPort) -> io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// To the first address of a name that answers. All together may take [`CONNECT_TIMEOUT`].
+/// Connects to the first address of a name that answers. All attempts together take at most
+/// [`CONNECT_TIMEOUT`].
 fn connect_to_any(addresses: &[SocketAddr]) -> io::Result<TcpStream> {
     let share = CONNECT_TIMEOUT / addresses.len().max(1) as u32;
     let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
@@ -110,7 +111,7 @@ impl Link for TcpOut {
         let Some(stream) = self.connected() else {
             return Ok(false);
         };
-        // A frame that was sent in part cannot be taken back: the connection is made again.
+        // A frame that was sent in part cannot be taken back, so a new connection is made.
         let sent = stream.write_all(frame);
         sent.map_or_else(
             |error| {
@@ -128,7 +129,7 @@ impl Link for TcpOut {
             return Ok(false);
         };
         buffer.resize(PIECE, 0);
-        // Writing blocks, for at most its time-out; reading does not.
+        // Writing blocks for at most its time-out; reading does not block.
         let received = stream
             .set_nonblocking(true)
             .and_then(|()| patiently(timeout, || stream.read(buffer)));
@@ -187,7 +188,7 @@ mod tests {
         }
     }
 
-    /// A name may have an address at which nobody listens: `localhost` is often ::1 first.
+    /// A name may have an address that no server listens on: `localhost` is often ::1 first.
     #[test]
     fn the_address_that_answers_is_taken() {
         let free = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -205,11 +206,13 @@ mod tests {
         assert_eq!(none.to_string(), "the name has no address");
     }
 
-    /// An address that swallows the attempt, as a host behind a cut cable does, and a name that
-    /// takes long to resolve: neither holds up a flight, which asks every few milliseconds.
+    /// An address that does not answer an attempt, as a host behind a cut cable does not, and a
+    /// name that takes long to resolve: neither may delay a flight, which polls every few
+    /// milliseconds.
     #[test]
     fn an_attempt_that_hangs_holds_nothing_up() {
-        // The queue of a listener that accepts nothing fills; further attempts hang.
+        // The queue of a listener that does not accept connections fills up, and further attempts
+        // hang.
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
         let waiting: Vec<_> = (0..300)

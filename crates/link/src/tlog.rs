@@ -1,31 +1,31 @@
-//! `.tlog`: the MAVLink log that ground stations and pymavlink read.
+//! The `.tlog` format: the MAVLink log that ground stations and pymavlink read.
 //!
-//! Each record is the time as 8 bytes, microseconds since 1970, big-endian, and then the frame
-//! as it went over the link.
+//! Each record consists of the time as 8 bytes (microseconds since 1970, big-endian) and the frame
+//! as it was sent over the link.
 
 use std::io::{self, Write};
 
 use firmware_core::time::{Duration, Instant};
 
-/// Where simulated time begins, so that the log of a simulated run depends on nothing else:
+/// The beginning of simulated time, fixed so that the log of a simulated run is reproducible:
 /// 2026-01-01 00:00 UTC, microseconds since 1970.
 pub const SIMULATED_EPOCH_US: u64 = 1_767_225_600_000_000;
 
-/// Writes records.
+/// Writes records to a log.
 #[derive(Debug)]
 pub struct TlogWriter<W> {
     out: W,
     epoch_us: u64,
-    /// When what is held back is written out next.
+    /// The time when buffered records are written out next.
     flush_due: Instant,
 }
 
-/// How much of a log a process that is killed may lose.
+/// The longest part of a log that is lost if the process is killed.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 
 impl<W: Write> TlogWriter<W> {
-    /// A log whose time begins at `epoch_us`: [`SIMULATED_EPOCH_US`], or the wall clock when
-    /// the run began.
+    /// Creates a log whose time begins at `epoch_us`: [`SIMULATED_EPOCH_US`], or the wall clock at
+    /// the beginning of the run.
     pub fn new(out: W, epoch_us: u64) -> Self {
         Self {
             out,
@@ -34,8 +34,8 @@ impl<W: Write> TlogWriter<W> {
         }
     }
 
-    /// Appends a frame that was sent or received at `now`. Once a second of that time the log is
-    /// written out, so that a process that is killed leaves one.
+    /// Appends a frame that was sent or received at `now`. The log is flushed once per second of
+    /// that time, so that a log remains if the process is killed.
     pub fn record(&mut self, now: Instant, frame: &[u8]) -> io::Result<()> {
         let time = self.epoch_us.saturating_add(now.as_micros());
         self.out.write_all(&time.to_be_bytes())?;
@@ -47,18 +47,18 @@ impl<W: Write> TlogWriter<W> {
         Ok(())
     }
 
-    /// Writes out what is still held back.
+    /// Writes out what is still buffered.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }
 
-    /// What was written to.
+    /// Returns the underlying writer.
     pub fn into_inner(self) -> W {
         self.out
     }
 }
 
-/// The wall clock, microseconds since 1970.
+/// Returns the wall clock, microseconds since 1970.
 pub fn wall_clock_us() -> u64 {
     std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)

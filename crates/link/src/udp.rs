@@ -1,4 +1,4 @@
-//! UDP: one datagram per frame, both ways.
+//! UDP: one datagram per frame, in both directions.
 
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 
 use super::{ASK_EVERY, HostPort, Link, PIECE, is_idle, patiently};
 
-/// Somebody who was not heard for this long is no longer answered.
+/// A peer that was not heard for this long is no longer answered.
 const PEER_TIMEOUT: Duration = Duration::from_secs(30);
-/// Ground stations and clients that are answered at once.
+/// The largest number of ground stations and clients that are answered at the same time.
 const PEERS: usize = 8;
 
 fn resolve(at: &HostPort) -> io::Result<SocketAddr> {
@@ -19,8 +19,9 @@ fn resolve(at: &HostPort) -> io::Result<SocketAddr> {
         .ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, format!("{at}: no address")))
 }
 
-/// Of a name's addresses the first of IPv4, at which autopilots listen: nothing tells whether
-/// anybody is at another, and both ends must mean the same one.
+/// Returns the first IPv4 address of a name, because autopilots listen at IPv4 addresses, or the
+/// first address if none is IPv4. It cannot be determined whether anything listens at an address,
+/// and both ends must use the same one.
 fn preferred(mut found: impl Iterator<Item = SocketAddr>) -> Option<SocketAddr> {
     let first = found.next()?;
     if first.is_ipv4() {
@@ -29,9 +30,10 @@ fn preferred(mut found: impl Iterator<Item = SocketAddr>) -> Option<SocketAddr> 
     Some(found.find(SocketAddr::is_ipv4).unwrap_or(first))
 }
 
-/// Waits for a datagram; `None` if none came, or a peer is not there (any more): on UDP that is
-/// told by an error of the *next* call. Other errors (an interface that is down, a route that is
-/// gone) are kept in `last_error`: they pass when the cable is back, and must not end a flight.
+/// Waits for a datagram. Returns `None` if none was received or if the peer is not available (any
+/// more), which UDP reports as an error of the *next* call. Other errors (an interface that is
+/// down, a missing route) are stored in `last_error`. They may disappear when the cable is
+/// connected again, and they must not end a flight.
 fn receive_datagram(
     socket: &UdpSocket,
     buffer: &mut Vec<u8>,
@@ -52,7 +54,7 @@ fn receive_datagram(
         }
         Err(error) => {
             buffer.clear();
-            // A caller that asks again at once would ask without a pause.
+            // Without this pause, a caller that retries at once would do so in a busy loop.
             std::thread::sleep(timeout.min(ASK_EVERY));
             note(last_error, error);
             None
@@ -60,7 +62,7 @@ fn receive_datagram(
     }
 }
 
-/// Whether the datagram was sent. One that was not is lost, as any datagram may be.
+/// Returns whether the datagram was sent. If it was not, it is lost, as any datagram may be.
 fn send_datagram(
     socket: &UdpSocket,
     frame: &[u8],
@@ -76,7 +78,7 @@ fn send_datagram(
     }
 }
 
-/// Keeps an error that says more than that nobody listens at the other end.
+/// Stores an error, unless it only means that nothing listens at the other end.
 fn note(last_error: &mut Option<io::Error>, error: io::Error) {
     let absent = matches!(
         error.kind(),
@@ -87,7 +89,7 @@ fn note(last_error: &mut Option<io::Error>, error: io::Error) {
     }
 }
 
-/// Sends to one place; takes answers from there only.
+/// Sends to one address and accepts answers only from there.
 #[derive(Debug)]
 pub(super) struct UdpOut {
     socket: UdpSocket,
@@ -143,7 +145,8 @@ impl Link for UdpOut {
     }
 }
 
-/// Listens; answers everyone who was heard lately, so that a ground station can watch beside.
+/// Listens, and answers every peer that was heard recently, so that a ground station can observe
+/// the flight as well.
 #[derive(Debug)]
 pub(super) struct UdpIn {
     socket: UdpSocket,
@@ -207,7 +210,7 @@ mod tests {
     use super::*;
 
     fn pair() -> (UdpIn, UdpOut) {
-        // Port 0 lets the system choose a free one.
+        // With port 0, the system chooses a free port.
         let local = HostPort {
             host: "127.0.0.1".into(),
             port: 0,
@@ -218,7 +221,7 @@ mod tests {
         (inward, outward)
     }
 
-    /// Whether anybody is there cannot be asked on UDP, and both ends must mean the same address.
+    /// UDP cannot show whether anything listens at an address, and both ends must use the same one.
     #[test]
     fn of_the_addresses_of_a_name_an_ipv4_one_is_taken() {
         let chosen = |addresses: &[&str]| {

@@ -1,4 +1,4 @@
-//! Missions that somebody else has planned, as files: waypoints, and the served users where the file
+//! Missions that another program has planned, as files: waypoints, and the served users where the file
 //! names them.
 //!
 //! * `.csv`: a header and a row per slot. The columns `east_m` and `north_m` hold the position at the

@@ -1,16 +1,16 @@
-//! The slot problem posed to a general convex solver, [Clarabel](clarabel): the reference that
-//! the closed form is held against, and the paper's own way of solving eq:p_pbp.
+//! The slot problem solved by a general convex solver, [Clarabel](clarabel): the reference
+//! implementation that the closed form is compared with, and the paper's own method for eq:p_pbp.
 //!
-//! * [`bisect`] poses eq:p1 itself. For a given SINR the slot problem is a second-order-cone
-//!   problem (`docs/mathematics.md`, section 3): least `||(1, y)||` for a given sum of
+//! * [`bisect`] solves eq:p1 itself. For a given SINR the slot problem is a second-order-cone
+//!   problem (`docs/mathematics.md`, section 3): minimize `||(1, y)||` for a given sum of
 //!   amplitudes. Bisection over the SINR gives the global optimum.
 //! * [`alternate`] is Alg. 1 with eq:p_pbp as printed: an exponential cone for the logarithm,
 //!   second-order cones for the MSE and `Psi`.
 //!
-//! Nothing is taken from the closed form but the grid search for a scale: Clarabel wants numbers
-//! near 1, gains are near 1e-12. And nothing is taken from Clarabel unchecked: whatever its
-//! status, the point that it returns is moved into its bounds, the user's power is what the MSE
-//! leaves for these very coefficients, and a point that does not meet `Gamma` is no solution.
+//! The only part shared with the closed form is the grid search for a scale: Clarabel needs numbers
+//! near 1, while gains are near 1e-12. No result of Clarabel is used unchecked. Whatever its
+//! status, the returned point is moved into its bounds, the user's power is what the MSE allows for
+//! exactly these coefficients, and a point that does not meet `Gamma` is not a solution.
 
 mod program;
 
@@ -25,55 +25,55 @@ use firmware_core::{
 
 use program::{Program, is_infeasible, is_solution};
 
-/// How it came out.
+/// The status of a solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
-    /// The optimum to the solver's accuracy ([`bisect`]), or where the iteration came to rest
-    /// ([`alternate`]).
+    /// The optimum to the solver's accuracy ([`bisect`]), or the point where the iteration
+    /// converged ([`alternate`]).
     Solved,
-    /// A cap on iterations came first; constraints hold.
+    /// The limit on iterations was reached; the constraints hold.
     IterationLimit,
-    /// No choice meets `Gamma`.
+    /// `Gamma` cannot be met.
     Infeasible,
-    /// Clarabel gave up; constraints hold for what was reached before.
+    /// Clarabel gave up; the constraints hold for the best point before that.
     SolverFailed(SolverStatus),
 }
 
-/// An answer whose constraints were verified.
+/// A solution whose constraints were verified.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// How it came out.
+    /// The status of the solution.
     pub outcome: Outcome,
-    /// `R`, bit/s/Hz.
+    /// The rate `R`, bit/s/Hz.
     pub rate: f64,
-    /// `p`, watts.
+    /// The user's power `p`, watts.
     pub user_power_w: f64,
-    /// `|b_j|`, square root of watts.
+    /// The sensors' coefficients `|b_j|`, square root of watts.
     pub sensor_coefficients: Vec<f64>,
-    /// `eta`, one over square root of watts.
+    /// The normalizing factor `eta`, one over square root of watts.
     pub normalizing_factor: f64,
-    /// The least MSE that the channels allow, as the solver found it.
+    /// The least MSE that the channels allow, as found by the solver.
     pub least_mse: f64,
-    /// What holds the rate back.
+    /// The constraint that limits the rate.
     pub limited_by: LimitedBy,
-    /// Convex problems that were solved.
+    /// The number of convex problems that were solved.
     pub solves: u32,
 }
 
-/// A slot in noise-normalised units.
+/// A slot problem in noise-normalized units.
 #[derive(Clone, Debug)]
 struct Slot<'a> {
     limits: &'a SlotLimits<f64>,
     gains: &'a [PowerGain<f64>],
     user_gain: f64,
-    /// `a_j`, in the order of the gains.
+    /// The largest amplitudes `a_j`, in the order of the gains.
     amplitude: Vec<f64>,
-    /// `Q`.
+    /// The signal budget `Q`.
     budget: f64,
     kappa: f64,
 }
 
-/// Amplitudes and what follows from them.
+/// A vector of amplitudes and the quantities computed from it.
 #[derive(Clone, Debug)]
 struct Point {
     amplitude: Vec<f64>,
@@ -96,12 +96,13 @@ impl Point {
     }
 }
 
-/// Relative width at which the bisection over the SINR ends.
+/// The relative width at which the bisection over the SINR ends.
 const SINR_TOLERANCE: f64 = 1e-10;
 /// A bisection from `J / kappa` to [`SINR_TOLERANCE`] takes about 50 steps.
 const BISECTIONS_MAX: u32 = 200;
 
-/// eq:p1 by bisection over the SINR, one second-order-cone problem per step. `None` serves nobody.
+/// Solves eq:p1 by bisection over the SINR, with one second-order-cone problem per step. With a
+/// gain of `None`, no user is served.
 ///
 /// The slot must be one that [`firmware_core`] accepts.
 pub fn bisect(
@@ -128,8 +129,8 @@ pub fn bisect(
         }
         let sinr = 0.5 * (low + high);
         solves += 1;
-        // Aimed below the bound by more than Clarabel may miss it: the point that comes back
-        // must reach this SINR exactly.
+        // The bound is tightened by more than the largest error of Clarabel, because the returned
+        // point must reach this SINR exactly.
         let energy_max = slot.budget / sinr * (1.0 - 2e-9);
         let (status, rival) = slot.least_energy(scale, Some(energy_max));
         let rival = rival.map(|amplitude| slot.with_signal(amplitude));
@@ -153,7 +154,7 @@ pub fn bisect(
     slot.report(outcome, &best, &peak, solves)
 }
 
-/// Alg. 1 with eq:p_pbp solved by Clarabel; `settings` as in
+/// Solves Alg. 1 with eq:p_pbp solved by Clarabel. `settings` are those of
 /// [`alternating`](firmware_core::inner::alternating).
 pub fn alternate(
     limits: &SlotLimits<f64>,
@@ -186,8 +187,8 @@ pub fn alternate(
                 let psi_after = (psi - p.signal).max(p.energy);
                 (p.signal + psi_after).ln() - psi_after / psi
             };
-            // Clarabel may lack the progress for its own tolerance at a point that is good: it
-            // is one if the objective of eq:p_pbp did not fall by more than that tolerance.
+            // Clarabel may not reach its own tolerance although the point is good. The point is
+            // accepted if the objective of eq:p_pbp did not decrease by more than that tolerance.
             let Some(next) =
                 next.filter(|next| is_solution(status) || objective(next) >= objective(&point))
             else {
@@ -223,7 +224,8 @@ pub fn alternate(
     slot.report(outcome, &here, &peak, solves)
 }
 
-/// Between two points in the variables of the stop rule, `x_j = eta y_j` and `eta^2 q`.
+/// Returns the distance between two points in the variables of the stopping rule, `x_j = eta y_j`
+/// and `eta^2 q`.
 fn distance(eta: f64, from: &Point, eta_to: f64, to: &Point) -> f64 {
     let signal = eta_to * eta_to * to.signal - eta * eta * from.signal;
     let pairs = from.amplitude.iter().zip(&to.amplitude);
@@ -255,10 +257,10 @@ impl<'a> Slot<'a> {
         }
     }
 
-    /// Into the bounds, with the sums, and nobody served.
+    /// Moves amplitudes into their bounds and returns the point with its sums, with no user served.
     fn silent(&self, mut amplitude: Vec<f64>) -> Point {
         for (y, &a) in amplitude.iter_mut().zip(&self.amplitude) {
-            // Not `clamp`, which panics where an amplitude overflowed to NaN.
+            // `clamp` cannot be used, because it panics if an amplitude overflowed to NaN.
             *y = y.max(0.0).min(a);
         }
         Point {
@@ -269,17 +271,19 @@ impl<'a> Slot<'a> {
         }
     }
 
-    /// The most signal that the MSE allows beside these amplitudes; 0 where it allows none.
+    /// Returns the point with the largest signal that the MSE allows for these amplitudes, or 0 if
+    /// it allows none.
     fn with_signal(&self, amplitude: Vec<f64>) -> Point {
         let point = self.silent(amplitude);
-        let room = (point.efficiency() / self.kappa - 1.0) * point.energy;
+        let slack = (point.efficiency() / self.kappa - 1.0) * point.energy;
         Point {
-            signal: room.min(self.budget).max(0.0),
+            signal: slack.min(self.budget).max(0.0),
             ..point
         }
     }
 
-    /// A common amplitude of the order that the solution has: the best of a grid.
+    /// Returns a common amplitude of the same order of magnitude as the solution: the best of a
+    /// grid.
     fn scale(&self) -> f64 {
         let audible = || self.amplitude.iter().copied().filter(|&a| a > 0.0);
         let weakest = audible().fold(f64::INFINITY, f64::min);
@@ -298,7 +302,7 @@ impl<'a> Slot<'a> {
         best.1
     }
 
-    /// The amplitudes of least MSE, or the report of a slot that is infeasible.
+    /// Returns the amplitudes of least MSE, or the report of a slot that is infeasible.
     fn peak(&self, solves: &mut u32) -> Result<Point, Report> {
         let nothing = self.silent(vec![0.0; self.gains.len()]);
         if self.amplitude.iter().all(|&a| a <= 0.0) {
@@ -322,9 +326,9 @@ impl<'a> Slot<'a> {
         Err(self.report(outcome, &peak, &peak, *solves))
     }
 
-    /// The amplitudes of highest `A^2 / E`, with `E <= energy_max` where that is given.
+    /// Returns the amplitudes of highest `A^2 / E`, with `E <= energy_max` if that is given.
     ///
-    /// In `y = scale u / tau` (so that only ratios count): least `n` with `sum u = J'`,
+    /// In `y = scale u / tau` (so that only ratios matter): minimize `n` with `sum u = J'`,
     /// `||(tau / scale, u)|| <= n`, `n <= sqrt(energy_max) / scale tau`, `0 <= u <= a / scale tau`,
     /// over the `J'` sensors that can be heard.
     fn least_energy(
@@ -372,8 +376,8 @@ impl<'a> Slot<'a> {
         (status, amplitude)
     }
 
-    /// eq:p_pbp as printed, for a given `eta` and `t = 1 / psi_before`, in `x_j = eta y_j`,
-    /// `z = eta^2 q` and `Psi = eta^2 psi`: least `t Psi - w` with `w <= ln(z + Psi)`,
+    /// Solves eq:p_pbp as printed, for a given `eta` and `t = 1 / psi_before`, in `x_j = eta y_j`,
+    /// `z = eta^2 q` and `Psi = eta^2 psi`: minimize `t Psi - w` with `w <= ln(z + Psi)`,
     /// `sum (x - 1)^2 + z + nu <= J^2 Gamma`, `sum x^2 + nu <= Psi` and the bounds.
     fn subproblem(&self, eta: f64, psi_before: f64) -> (SolverStatus, Option<Point>) {
         let sensors = self.amplitude.len();
@@ -384,17 +388,17 @@ impl<'a> Slot<'a> {
         program.objective[w] = -1.0;
         for (j, &a) in self.amplitude.iter().enumerate() {
             program.row(&[(j, -1.0)], 0.0);
-            // Beyond 1 + sqrt(J^2 Gamma) the MSE alone is over the threshold.
+            // Above 1 + sqrt(J^2 Gamma), the MSE alone exceeds the threshold.
             program.row(&[(j, 1.0)], (eta * a).min(2.0 + (sensors as f64).sqrt()));
         }
         program.row(&[(z, -1.0)], 0.0);
-        // Likewise for the interference.
+        // The same holds for the interference.
         program.row(&[(z, 1.0)], (noise * self.budget).min(sensors as f64));
         program.cone(NonnegativeConeT(2 * sensors + 2));
-        // ||v||^2 <= r is ||(2 v, r - 1)|| <= r + 1.
-        let room = sensors as f64 - self.kappa - noise;
-        program.row(&[(z, 1.0)], room + 1.0);
-        program.row(&[(z, 1.0)], room - 1.0);
+        // ||v||^2 <= r is equivalent to ||(2 v, r - 1)|| <= r + 1.
+        let slack = sensors as f64 - self.kappa - noise;
+        program.row(&[(z, 1.0)], slack + 1.0);
+        program.row(&[(z, 1.0)], slack - 1.0);
         for j in 0..sensors {
             program.row(&[(j, -2.0)], -2.0);
         }
@@ -416,14 +420,15 @@ impl<'a> Slot<'a> {
             return (status, None);
         }
         let point = self.silent(x[..sensors].iter().map(|x| x / eta).collect());
-        // What this eta leaves for the signal with exactly these amplitudes; Clarabel's own
-        // value may be over by its tolerance.
-        let room = (2.0 * point.sum - self.kappa / eta) / eta - point.energy;
+        // The signal that this eta allows for exactly these amplitudes. Clarabel's own value may
+        // exceed it by its tolerance.
+        let slack = (2.0 * point.sum - self.kappa / eta) / eta - point.energy;
         let signal = (x[z] / noise).min(room).min(self.budget).max(0.0);
         (status, Some(Point { signal, ..point }))
     }
 
-    /// In watts, verified: the user is silent unless the MSE of these very coefficients allows it.
+    /// Returns the verified solution in watts. The user is silent unless the MSE of exactly these
+    /// coefficients allows it to send.
     fn report(&self, outcome: Outcome, point: &Point, peak: &Point, solves: u32) -> Report {
         let sensors = self.gains.len() as f64;
         let noise = self.limits.noise_power.0.sqrt();
@@ -437,7 +442,7 @@ impl<'a> Slot<'a> {
             }
         };
         let kept = point.efficiency() / self.kappa >= (1.0 + point.sinr()) * (1.0 - 1e-12);
-        // A "solved" whose point does not keep the threshold is none.
+        // A "solved" point that does not satisfy the threshold is not a solution.
         let outcome = if kept || outcome == Outcome::Infeasible {
             outcome
         } else {

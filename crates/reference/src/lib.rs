@@ -2,7 +2,7 @@
 //! with, and the command that solves problems given as JSON lines.
 //!
 //! * [`conic`]: the slot problem as a second-order cone program, solved by Clarabel.
-//! * [`solve`]: JSON lines in, JSON lines out, by either solver.
+//! * [`solve`]: reads JSON lines and writes JSON lines, with either solver.
 
 #![deny(missing_docs)]
 

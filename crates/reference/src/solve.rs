@@ -1,10 +1,11 @@
-//! Slot problems as JSON lines: what `host-sim solve` does.
+//! Slot problems as JSON lines: the implementation of `host-sim solve`.
 //!
-//! A line in holds `sensor_gain` (array, `|h_j|^2`), `user_gain` (`|g|^2`, or `null` for nobody
-//! served), `sensor_power_max`, `user_power_max`, `noise_power` (watts) and `mse_threshold`; other
-//! keys are ignored, so that a line with known results can be replayed. A line out holds the
-//! answer, or `{"error": ".."}` with the line's number, the field, its value and what would be right;
-//! one line out per line in, whatever it holds. Sensors may be as many as memory holds.
+//! An input line contains `sensor_gain` (array, `|h_j|^2`), `user_gain` (`|g|^2`, or `null` if no
+//! user is served), `sensor_power_max`, `user_power_max`, `noise_power` (watts) and
+//! `mse_threshold`. Other keys are ignored, so that a line with known results can be replayed. An
+//! output line contains the answer, or `{"error": ".."}` with the line's number, the field, its
+//! value and what is allowed. There is always exactly one output line per input line. The number of
+//! sensors is limited only by the memory.
 
 use std::{
     fmt,
@@ -22,7 +23,7 @@ use files::input::LONGEST_BYTES;
 
 use crate::conic;
 
-/// Which solver answers.
+/// The method that solves a problem.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Method {
     /// The closed form: the global optimum
@@ -37,7 +38,8 @@ pub enum Method {
 }
 
 impl Method {
-    /// Whether the method has arithmetic of that precision: Clarabel runs in double only.
+    /// Returns whether the method supports arithmetic of that precision. Clarabel supports only
+    /// double precision.
     pub fn supports(self, precision: Precision) -> bool {
         precision == Precision::F64 || matches!(self, Method::Exact | Method::Alternating)
     }
@@ -56,76 +58,77 @@ pub enum Precision {
 /// A slot problem as written in a line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Problem {
-    /// `|h_j|^2` of every sensor.
+    /// The gain `|h_j|^2` of every sensor.
     pub sensor_gain: Vec<f64>,
-    /// `|g|^2` of the served user; `None` where nobody is.
+    /// The gain `|g|^2` of the served user, or `None` if no user is served.
     pub user_gain: Option<f64>,
-    /// `p_b^max`, watts.
+    /// The largest power of a sensor, `p_b^max`, watts.
     pub sensor_power_max: f64,
-    /// `p^max`, watts.
+    /// The largest power of the user, `p^max`, watts.
     pub user_power_max: f64,
-    /// `sigma^2`, watts.
+    /// The noise power `sigma^2`, watts.
     pub noise_power: f64,
-    /// `Gamma`.
+    /// The MSE threshold `Gamma`.
     pub mse_threshold: f64,
 }
 
-/// The answer to a [`Problem`], as written in a line: numbers of single precision to the last
-/// digit, so that bounds can be checked exactly.
+/// The answer to a [`Problem`], as written in a line. Numbers of single precision are written to
+/// the last digit, so that bounds can be checked exactly.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// Whether `Gamma` can be met.
     pub feasible: bool,
-    /// `R`, bit/s/Hz; 0 where infeasible.
+    /// The rate `R`, bit/s/Hz, or 0 if infeasible.
     pub rate: f64,
     /// The MSE with the powers, coefficients and `eta` below.
     pub mse: f64,
-    /// What holds the rate back; `none` where there is no rate to hold.
+    /// The constraint that limits the rate, or `none` if there is no rate.
     pub limited_by: LimitedBy,
-    /// `p`, watts.
+    /// The user's power `p`, watts.
     pub user_power: f64,
-    /// `|b_j|`, square root of watts, in the order of `sensor_gain`.
+    /// The coefficients `|b_j|`, square root of watts, in the order of `sensor_gain`.
     pub sensor_coefficients: Vec<f64>,
-    /// `eta`, one over square root of watts.
+    /// The normalizing factor `eta`, one over square root of watts.
     pub eta: f64,
     /// The least MSE that the channels allow.
     pub least_mse: f64,
-    /// How far the answer goes.
+    /// The status of the answer.
     pub status: Finding,
 }
 
-/// What is known of an answer.
+/// The status of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Finding {
-    /// The global optimum; for `conic`, to the accuracy of its solver.
+    /// The answer is the global optimum; for `conic`, to the accuracy of its solver.
     Optimal,
-    /// An iteration came to rest.
+    /// The iteration converged.
     Converged,
-    /// An iteration was cut off.
+    /// The iteration reached its limit.
     IterationLimit,
-    /// Gains were known within bounds only.
+    /// The gains were known only within bounds.
     Guaranteed,
     /// `Gamma` cannot be met.
     Infeasible,
-    /// The convex solver gave up: the best point that it had reached, its constraints verified.
+    /// The convex solver gave up. The answer is the best point that it had reached, with verified
+    /// constraints.
     SolverFailed,
 }
 
-/// What became of the lines.
+/// The number of lines that were processed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Lines read.
+    /// The number of lines read.
     pub lines: u64,
-    /// Lines that were answered with an error.
+    /// The number of lines that were answered with an error.
     pub errors: u64,
 }
 
 /// Answers every line of `input` with a line in `output`.
 ///
 /// # Errors
-/// Reading or writing failed, or the method has no such [precision](Method::supports). A bad line
-/// is not an error: it is answered and counted.
+/// Returns an error if reading or writing fails, or if the method does not support this
+/// [precision](Method::supports). An invalid line is not an error: it is answered and counted.
 pub fn run(
     method: Method,
     precision: Precision,
@@ -175,13 +178,13 @@ pub fn run(
     Ok(tally)
 }
 
-/// Why a line has no answer. Written out, it continues "line 7".
+/// The reason why a line has no answer. Its text continues "line 7".
 #[derive(Debug, thiserror::Error)]
 enum LineError {
-    /// What is wrong with it.
+    /// The content is wrong.
     #[error(": {0}")]
     Input(String),
-    /// What is wrong at a column, from 1: it is no JSON there, or no [`Problem`].
+    /// The text is not valid JSON or not a [`Problem`] at this column, counted from 1.
     #[error(", column {column}: {problem}")]
     Json { column: usize, problem: String },
     /// The answer could not be written.
@@ -228,7 +231,7 @@ impl Problem {
             }
             Ok(number)
         };
-        // A bound in double precision must hold for what single precision chooses.
+        // A bound in double precision must hold for the single-precision solution.
         let bound = |field, value| {
             let number: T = rounded(&field, value)?;
             let over = number.finite() && number.to_f64() > value && value > 0.0;
@@ -254,7 +257,7 @@ impl Problem {
         let field = SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
             .map_err(LineError::input)?;
         let user = user_gain.unwrap_or_default();
-        // Also where another solver answers: it is the check of the user's gain.
+        // This is computed for the other solvers as well, because it checks the user's gain.
         let exact = field.solve(user_gain).map_err(LineError::input)?;
         let alternating = alternating::AlternatingSettings::<T>::default();
         match method {
@@ -268,7 +271,7 @@ impl Problem {
         }
     }
 
-    /// The problem is a checked one.
+    /// Solves the problem, which has been checked, with Clarabel.
     fn answer_by_clarabel(&self, method: Method) -> Result<Answer, LineError> {
         let limits = SlotLimits {
             sensor_power_max: Watt(self.sensor_power_max),
@@ -361,19 +364,20 @@ impl Answer {
     }
 }
 
-/// What some editors put in front of a file.
+/// The byte order mark that some editors write at the beginning of a file.
 const BYTE_ORDER_MARK: char = '\u{feff}';
 const A_PROBLEM: &str = "a JSON object with sensor_gain, user_gain, sensor_power_max, \
                          user_power_max, noise_power and mse_threshold";
 
-/// What is wrong with a line that is no [`Problem`]: the field, and what serde_json says of it.
+/// Describes why a line is not a [`Problem`]: the field, and the message of serde_json.
 fn explain(error: &serde_path_to_error::Error<serde_json::Error>) -> LineError {
     let cause = error.inner();
     let words = cause.to_string();
-    // The number of the line is that of the input; a line of its own has but one.
+    // The line number in the message is dropped: serde_json sees a single line, and the caller adds
+    // the number within the input.
     let words = words.split(" at line ").next().unwrap_or(&words);
     let path = error.path().to_string();
-    // The path ends in `?` where the name of a field was being read.
+    // The path ends in `?` if the name of a field was being read.
     let problem = if path == "." || path.contains('?') {
         format!("{words}; a line is {A_PROBLEM}")
     } else {

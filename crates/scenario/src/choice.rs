@@ -1,4 +1,5 @@
-//! Which scenario a command is about, the same options wherever one flies, bounds or trains.
+//! The command-line options that select a scenario. They are the same in every command that flies,
+//! bounds or trains.
 
 use std::path::{Path, PathBuf};
 
@@ -6,43 +7,44 @@ use clap::Args;
 
 use super::Scenario;
 
-/// A scenario by file or by name, and what is to differ from it.
+/// A scenario, by file or by name, and the parameters to change in it.
 #[derive(Clone, Debug, PartialEq, Args)]
 pub struct ScenarioChoice {
     /// The mission: a TOML file, or the name of a shipped scenario (separated, mixed)
     #[arg(long, default_value = "separated", value_name = "FILE")]
     pub scenario: PathBuf,
-    /// What differs.
+    /// The parameters to change.
     #[command(flatten)]
     pub changes: Changes,
 }
 
-/// The parameters over which the paper's figures go, where they differ from a file's.
+/// The parameters that the paper's figures vary, where they differ from the file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Args)]
 pub struct Changes {
-    /// Another MSE threshold (Gamma) than the scenario's
+    /// MSE threshold (Gamma), in place of the scenario's
     #[arg(long, value_name = "GAMMA")]
     pub mse_threshold: Option<f64>,
-    /// Another noise power than the scenario's, dBm
+    /// Noise power in dBm, in place of the scenario's
     #[arg(long, value_name = "DBM", allow_negative_numbers = true)]
     pub noise_dbm: Option<f64>,
-    /// Another number of slots (N) than the scenario's
+    /// Number of slots (N), in place of the scenario's
     #[arg(long, value_name = "N")]
     pub slots: Option<u32>,
 }
 
 impl ScenarioChoice {
-    /// A scenario as it is.
+    /// Selects a scenario without changes.
     pub fn unchanged(scenario: PathBuf) -> Self {
         let changes = Changes::default();
         Self { scenario, changes }
     }
 
-    /// The scenario with its changes, all made before it is checked: a threshold and a number of
-    /// slots may be right only together.
+    /// Loads the scenario and applies the changes. All changes are made before the scenario is
+    /// checked, because a threshold and a number of slots may only be valid together.
     ///
     /// # Errors
-    /// One line: as [`Scenario::load`], or the changes that were asked for and what is wrong.
+    /// Returns one line: the error of [`Scenario::load`], or the requested changes and what is
+    /// wrong with them.
     pub fn load(&self) -> Result<Scenario, String> {
         let scenario = Scenario::named(&self.scenario)?;
         if self.changes == Changes::default() {
@@ -56,7 +58,7 @@ impl ScenarioChoice {
 }
 
 impl Changes {
-    /// As they are typed.
+    /// Formats the changes as command-line options.
     fn options(&self) -> String {
         let threshold = self.mse_threshold.map(|x| format!("--mse-threshold {x}"));
         let noise = self.noise_dbm.map(|x| format!("--noise-dbm {x}"));
@@ -67,10 +69,10 @@ impl Changes {
 }
 
 impl Scenario {
-    /// What `--scenario` names: a shipped scenario, or a file.
+    /// Loads what `--scenario` names: a shipped scenario or a file.
     ///
     /// # Errors
-    /// As [`Scenario::load`], in one line.
+    /// Returns the error of [`Scenario::load`], in one line.
     pub fn named(name: &Path) -> Result<Self, String> {
         match name.to_str().and_then(Self::shipped) {
             Some(shipped) => Ok(shipped),
@@ -81,10 +83,10 @@ impl Scenario {
         }
     }
 
-    /// The same scenario but for the changes.
+    /// Returns a copy of the scenario with these changes.
     ///
     /// # Errors
-    /// As [`Scenario::parse`].
+    /// Returns the errors of [`Scenario::parse`].
     pub fn changed(&self, changes: &Changes) -> Result<Self, String> {
         let mut file = self.file.clone();
         let replace = |value: &mut f64, change: Option<f64>| *value = change.unwrap_or(*value);
@@ -97,10 +99,10 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// The same scenario with another threshold `Gamma`.
+    /// Returns a copy of the scenario with another threshold `Gamma`.
     ///
     /// # Errors
-    /// As [`Scenario::parse`].
+    /// Returns the errors of [`Scenario::parse`].
     pub fn with_mse_threshold(&self, mse_threshold: f64) -> Result<Self, String> {
         self.changed(&Changes {
             mse_threshold: Some(mse_threshold),
@@ -108,10 +110,10 @@ impl Scenario {
         })
     }
 
-    /// The same scenario with another noise power, dBm.
+    /// Returns a copy of the scenario with another noise power, dBm.
     ///
     /// # Errors
-    /// As [`Scenario::parse`].
+    /// Returns the errors of [`Scenario::parse`].
     pub fn with_noise_dbm(&self, noise_dbm: f64) -> Result<Self, String> {
         self.changed(&Changes {
             noise_dbm: Some(noise_dbm),
@@ -119,10 +121,10 @@ impl Scenario {
         })
     }
 
-    /// The same scenario with another number of slots.
+    /// Returns a copy of the scenario with another number of slots.
     ///
     /// # Errors
-    /// As [`Scenario::parse`].
+    /// Returns the errors of [`Scenario::parse`].
     pub fn with_slots(&self, slots: u32) -> Result<Self, String> {
         self.changed(&Changes {
             slots: Some(slots),

@@ -1,7 +1,7 @@
-//! A mission as a TOML file: reading, checking, writing, making.
+//! Missions as TOML files: reading, checking, writing and generating them.
 //!
-//! Units are in the names of the keys; unknown keys are errors; every error is one line that
-//! names file, field, value and what would be right. The ranges themselves live in
+//! Units are part of the names of the keys, and unknown keys are errors. Every error is one line
+//! that names the file, the field, the value and what is allowed. The ranges are defined in
 //! [`firmware_core::mission`], the only place that rejects a mission.
 
 #![deny(missing_docs)]
@@ -33,38 +33,38 @@ pub use rates::{PlaceRates, with_field};
 pub use sensing::{Function, Sensing, TemperatureField};
 pub use topology::{Course, Topology, generate, generate_on};
 
-/// The mission as the host flies it: in double precision, at the default capacities.
+/// A mission as the host flies it: in double precision and at the default capacities.
 pub type HostMission = Mission<f64, USERS_MAX, SENSORS_MAX>;
 
-/// A scenario: a valid mission, where on Earth it lies, and what its sensors measure.
+/// A scenario: a valid mission, its location on Earth, and what its sensors measure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// The file's stem, or how it was made.
+    /// The stem of the file's name, or a description of how the scenario was generated.
     pub name: String,
-    /// What is flown.
+    /// The mission.
     pub mission: HostMission,
-    /// The place on Earth of the map's `[0, 0]`.
+    /// The location on Earth of the map's `[0, 0]`.
     pub origin: Origin,
-    /// What the sensors measure and which function of it is wanted.
+    /// What the sensors measure, and which function of it the vehicle estimates.
     pub sensing: Sensing,
-    /// As written in the file: radio noise in dBm survives a round trip.
+    /// The content of the file. It is kept so that radio noise in dBm survives a round trip.
     file: ScenarioFile,
 }
 
-/// Where the map's origin lies on Earth.
+/// The location on Earth of the map's origin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    /// Degrees north, -89 to 89.
+    /// Latitude, degrees north, from -89 to 89.
     pub latitude_deg: f64,
-    /// Degrees east, -180 to 180.
+    /// Longitude, degrees east, from -180 to 180.
     pub longitude_deg: f64,
-    /// Of the ground, over mean sea level, metres.
+    /// Elevation of the ground above mean sea level, metres.
     pub elevation_m: f64,
 }
 
 impl Default for Origin {
-    /// The field near Canberra where ArduPilot's simulator starts.
+    /// Returns the field near Canberra where ArduPilot's simulator starts.
     fn default() -> Self {
         Self {
             latitude_deg: -35.363_262,
@@ -74,7 +74,7 @@ impl Default for Origin {
     }
 }
 
-/// A scenario that cannot be used: which file, and what is wrong in one line.
+/// Error returned when a scenario cannot be used: the file, and the reason in one line.
 #[derive(Debug)]
 pub struct ScenarioError {
     path: PathBuf,
@@ -89,7 +89,7 @@ impl fmt::Display for ScenarioError {
 
 impl std::error::Error for ScenarioError {}
 
-/// The file, key by key.
+/// The content of a scenario file, key by key.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ScenarioFile {
@@ -146,8 +146,8 @@ struct SensorsTable {
 }
 
 impl Scenario {
-    /// Returns what to say of a policy that was trained for another mission; `None` where it was
-    /// trained for this one.
+    /// Returns a warning if a policy was trained for another mission, or `None` if it was trained
+    /// for this one.
     pub fn foreign_policy(&self, provenance: &Provenance) -> Option<String> {
         let (trained_for, digest) = (provenance.scenario_digest.as_str(), self.digest());
         (trained_for != digest).then(|| {
@@ -158,9 +158,9 @@ impl Scenario {
         })
     }
 
-    /// The place on Earth of the map's `[0, 0]`, as MAVLink counts it.
+    /// Returns the location on Earth of the map's `[0, 0]` in the units of MAVLink.
     pub fn map_origin(&self) -> Geodetic {
-        // A scenario's origin has been checked to lie on Earth.
+        // The origin of a scenario has been checked to be a valid location.
         Geodetic::from_degrees(self.origin.latitude_deg, self.origin.longitude_deg)
             .unwrap_or_default()
     }
@@ -168,8 +168,8 @@ impl Scenario {
     /// Reads and checks a file.
     ///
     /// # Errors
-    /// A file that cannot be read, is no TOML, has unknown, missing or wrongly typed keys, or
-    /// does not make a mission.
+    /// Returns an error if the file cannot be read, is not valid TOML, has unknown, missing or
+    /// wrongly typed keys, or does not describe a valid mission.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let fail = |problem: String| ScenarioError {
             path: path.to_owned(),
@@ -189,7 +189,7 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// The shipped scenario of this name, built in: `separated` (the default) or `mixed`.
+    /// Returns the built-in scenario of this name: `separated` (the default) or `mixed`.
     pub fn shipped(name: &str) -> Option<Self> {
         let text = match name {
             "separated" => include_str!("../../../scenarios/separated.toml"),
@@ -200,10 +200,10 @@ impl Scenario {
         Self::parse(name, text).ok()
     }
 
-    /// Reads and checks the text of a scenario; a measurement file that it names is not opened.
+    /// Parses and checks the text of a scenario. A measurement file that it names is not opened.
     ///
     /// # Errors
-    /// What is wrong, in one line.
+    /// Returns one line that states what is wrong.
     pub fn parse(name: &str, text: &str) -> Result<Self, String> {
         let table = toml::Deserializer::parse(text).map_err(|error| one_line(text, &error))?;
         let file: ScenarioFile = serde_path_to_error::deserialize(table).map_err(|error| {
@@ -234,13 +234,13 @@ impl Scenario {
         })
     }
 
-    /// The scenario as the text of a file, positions one a line.
+    /// Returns the scenario as the text of a file, with one position per line.
     pub fn to_toml(&self) -> String {
         self.file.to_toml()
     }
 
-    /// SHA-256 (hexadecimal) of the mission: what a trained policy was trained for, whatever
-    /// the file's layout, comments, origin and measurements.
+    /// Returns the SHA-256 (hexadecimal) of the mission. It identifies the mission that a policy
+    /// was trained for and does not depend on the file's layout, comments, origin and measurements.
     pub fn digest(&self) -> String {
         let mut file = self.file.clone();
         file.origin = Origin::default();
@@ -279,8 +279,9 @@ impl ScenarioFile {
         })
     }
 
-    /// The file, laid out by hand: small tables on a line, a position a line, so that files
-    /// read well and their differences are small.
+    /// Returns the text of the file. It is formatted by this function, with small tables on one
+    /// line and one position per line, so that files are easy to read and their differences are
+    /// small.
     fn to_toml(&self) -> String {
         let ScenarioFile {
             mission,
@@ -331,7 +332,7 @@ impl ScenarioFile {
     }
 }
 
-/// Noise in watts; the range is checked here because the file speaks dBm.
+/// Converts noise to watts. The range is checked here because the file contains dBm.
 fn noise_power(noise_dbm: f64) -> Result<Watt<f64>, String> {
     if !(-200.0..=100.0).contains(&noise_dbm) {
         return Err(format!(
@@ -373,7 +374,7 @@ impl Origin {
     }
 }
 
-/// A TOML error as one line: what, and on which line of the file.
+/// Formats a TOML error as one line: what is wrong, and on which line of the file.
 fn one_line(text: &str, error: &toml::de::Error) -> String {
     let message = error.message().replace('\n', "; ");
     match error.span() {

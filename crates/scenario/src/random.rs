@@ -1,7 +1,8 @@
 //! Draws whole missions at random: layouts, numbers, areas, speeds, powers and thresholds.
 //!
-//! The distribution is that of the benchmark (`benchmarks/`): wider than the paper's Table I, so
-//! that a planner which fits one map only is found out. All of it is our assumption.
+//! The distribution is that of the benchmark (`benchmarks/`). It is wider than the paper's Table I,
+//! so that a planner that works on one map only does badly. The whole distribution is our
+//! assumption.
 
 use clap::ValueEnum;
 use firmware_core::mission::{Environment, ExcessLoss};
@@ -14,7 +15,7 @@ use super::{
     UsersTable,
 };
 
-/// How users, or sensors, are spread over the area.
+/// How users or sensors are distributed over the area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Layout {
     /// Anywhere in the area.
@@ -36,22 +37,22 @@ const LAYOUTS: [Layout; 5] = [
     Layout::Line,
     Layout::Corner,
 ];
-/// Points along each axis at which a draw is checked for rates above 0.
+/// The number of points along each axis at which a draw is checked for rates above 0.
 const CHECKED_POINTS: usize = 16;
-/// The fraction of the rate limit of a slot that some place of a mission has to reach.
+/// The fraction of a slot's rate limit that some position in a mission must reach.
 const LEAST_FRACTION: f64 = 0.1;
-/// Draws before a seed is given up; about one in fifty is rejected.
+/// The number of draws after which a seed is given up. About one draw in fifty is rejected.
 const DRAWS_MAX: usize = 1000;
 
-/// Draws a mission: 4 to 16 users, 8 to 64 sensors, 30 to 90 slots, `Gamma` from `0.3/J` to
-/// `0.93/J`, noise from -100 to -85 dBm. Users and sensors have layouts of their own, unless
+/// Draws a mission with 4 to 16 users, 8 to 64 sensors, 30 to 90 slots, `Gamma` from `0.3/J` to
+/// `0.93/J`, and noise from -100 to -85 dBm. Users and sensors have separate layouts, unless
 /// `layout` names one for both. The same seed gives the same mission.
 ///
-/// A draw whose destination is out of reach, or in which no place gives a tenth of the rate
-/// limit of a slot, is discarded and the next one taken.
+/// A draw is discarded, and the next one taken, if its destination is out of reach or if no
+/// position gives a tenth of the rate limit of a slot.
 ///
 /// # Errors
-/// A seed that gives no mission in 1000 draws.
+/// Returns an error if none of 1000 draws with this seed gives a mission.
 pub fn random(seed: u64, layout: Option<Layout>) -> Result<Scenario, String> {
     let mut random = Pcg64::seed_from_u64(seed);
     for _ in 0..DRAWS_MAX {
@@ -110,7 +111,7 @@ fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
     }
 }
 
-/// Whether some place on a coarse grid gives some user a usable rate.
+/// Returns whether some position on a coarse grid gives some user a usable rate.
 fn carries_data(scenario: &Scenario) -> bool {
     let mission = &scenario.mission;
     let area = mission.parameters().area;
@@ -126,7 +127,7 @@ fn carries_data(scenario: &Scenario) -> bool {
     })
 }
 
-/// The nearest multiple of `step`, without the tail of digits that a product would leave.
+/// Returns the nearest multiple of `step`, without the trailing digits that a product would leave.
 fn rounded(value: f64, step: f64) -> f64 {
     let inverse = (1.0 / step).round().max(1.0);
     if step >= 1.0 {
@@ -136,7 +137,7 @@ fn rounded(value: f64, step: f64) -> f64 {
     }
 }
 
-/// A place with both coordinates within the given fractions of the area.
+/// Draws a position with both coordinates within the given fractions of the area.
 fn place(random: &mut Pcg64, area_m: [f64; 2], east: [f64; 2], north: [f64; 2]) -> [f64; 2] {
     let mut along = |extent_m: f64, [low, high]: [f64; 2]| {
         rounded(extent_m * random.random_range(low..high), 0.1)
@@ -144,7 +145,7 @@ fn place(random: &mut Pcg64, area_m: [f64; 2], east: [f64; 2], north: [f64; 2]) 
     [along(area_m[0], east), along(area_m[1], north)]
 }
 
-/// `count` places of one layout, inside the area.
+/// Draws `count` positions of one layout, inside the area.
 fn places(random: &mut Pcg64, layout: Layout, count: usize, area_m: [f64; 2]) -> Vec<[f64; 2]> {
     let short_m = area_m[0].min(area_m[1]);
     let inner = [0.2, 0.8];
@@ -153,7 +154,7 @@ fn places(random: &mut Pcg64, layout: Layout, count: usize, area_m: [f64; 2]) ->
         [clamp(east, area_m[0]), clamp(north, area_m[1])]
     };
     let scattered = |random: &mut Pcg64, [east, north]: [f64; 2], spread_m: f64| {
-        // The sum of three uniform numbers is close enough to a normal one.
+        // The sum of three uniform numbers is close enough to a normally distributed one.
         let mut offset = || (0..3).map(|_| random.random_range(-1.0..1.0)).sum::<f64>() * spread_m;
         inside([east + offset(), north + offset()])
     };

@@ -1,4 +1,5 @@
-//! What every user would get at a place: the exact slot solution, for all users at once.
+//! The rate that every user would have with the vehicle at a given position: the exact slot
+//! solution, computed for all users at once.
 
 use firmware_core::{
     Mission, Position, PowerGain,
@@ -7,26 +8,26 @@ use firmware_core::{
 
 /// The rates of a mission's users, bit/s/Hz, as a function of the vehicle's position.
 ///
-/// A place where no choice meets `Gamma` has rate 0 for everybody.
+/// At a position where `Gamma` cannot be met, every user's rate is 0.
 #[derive(Clone, Debug)]
 pub struct PlaceRates<'m, const M: usize, const J: usize> {
     mission: &'m Mission<f64, M, J>,
     limits: SlotLimits<f64>,
-    room: Workspace<f64, J>,
+    workspace: Workspace<f64, J>,
 }
 
 impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
-    /// For a mission.
+    /// Creates the rate function of a mission.
     pub fn new(mission: &'m Mission<f64, M, J>) -> Self {
         Self {
             mission,
             limits: SlotLimits::of_mission(mission),
-            room: Workspace::default(),
+            workspace: Workspace::default(),
         }
     }
 
-    /// Writes the rate of every user with the vehicle over `place`. One sort of the sensors,
-    /// then `O(log J)` per user.
+    /// Writes the rate of every user with the vehicle over `place`. Worst case: one sort of the
+    /// sensors, then `O(log J)` per user.
     pub fn write(&mut self, place: &Position<f64>, rates: &mut [f64]) {
         let p = self.mission.parameters();
         let channel = self.mission.channel();
@@ -35,7 +36,7 @@ impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
             *gain = channel.power_gain(place, sensor);
         }
         let sensors = &gains[..p.sensors.len()];
-        with_field(&mut self.room, &self.limits, sensors, |field| {
+        with_field(&mut self.workspace, &self.limits, sensors, |field| {
             for (rate, user) in rates.iter_mut().zip(&p.users) {
                 *rate = field.map_or(0.0, |field| field.rate(channel.power_gain(place, user)));
             }
@@ -43,13 +44,14 @@ impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
     }
 }
 
-/// Hands over the sorted sensors of a slot. A valid mission's limits and gains make a slot
-/// problem; were they none, nothing could be sent, hence the `None`.
+/// Calls a function with the sorted sensors of a slot. The limits and gains of a valid mission
+/// always form a slot problem. If they did not, nothing could be sent, and the result would be
+/// `None`.
 pub fn with_field<const J: usize>(
-    room: &mut Workspace<f64, J>,
+    workspace: &mut Workspace<f64, J>,
     limits: &SlotLimits<f64>,
     sensor_gains: &[PowerGain<f64>],
     use_field: impl FnOnce(Option<&SensorField<'_, f64>>),
 ) {
-    use_field(room.sensors(limits, sensor_gains).ok().as_ref());
+    use_field(workspace.sensors(limits, sensor_gains).ok().as_ref());
 }

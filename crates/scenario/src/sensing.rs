@@ -1,4 +1,5 @@
-//! What the sensors measure, in physical units, and which function of it is wanted (eq:F).
+//! What the sensors measure, in physical units, and which function of the measurements the vehicle
+//! estimates (eq:F).
 
 use std::{
     fmt,
@@ -13,24 +14,24 @@ use serde::{Deserialize, Serialize};
 
 use super::HostMission;
 
-/// The `[sensing]` table. All keys have defaults: the mean of a temperature field.
+/// The `[sensing]` table. All keys have defaults, which give the mean of a temperature field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sensing {
-    /// Which nomographic function the vehicle estimates.
+    /// The nomographic function that the vehicle estimates.
     pub function: Function,
-    /// For the weighted mean: a weight above 0 per sensor; only their ratios matter.
+    /// The weights of the weighted mean: one above 0 per sensor. Only their ratios matter.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub weights: Vec<f64>,
-    /// The unit of the measurements, for reports.
+    /// The unit of the measurements, as printed in reports.
     pub unit: String,
-    /// Measurements as CSV, a row per slot and a column per sensor, its path relative to the
-    /// scenario file. Without it, `field` is measured.
+    /// A CSV file of measurements, with a row per slot and a column per sensor. Its path is
+    /// relative to the scenario file. Without it, `field` is measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements_csv: Option<PathBuf>,
-    /// The field that is measured where no CSV is given.
+    /// The field that is measured if no CSV file is given.
     pub field: TemperatureField,
-    /// What the CSV held, row by row.
+    /// The content of the CSV file, row by row.
     #[serde(skip)]
     measurements: Option<Vec<Vec<f64>>>,
 }
@@ -54,9 +55,9 @@ impl Default for Sensing {
 pub enum Function {
     /// The arithmetic mean.
     Mean,
-    /// The mean with the weights given.
+    /// The mean with the given weights.
     WeightedMean,
-    /// The geometric mean, of measurements above 0.
+    /// The geometric mean. All measurements must be above 0.
     GeometricMean,
 }
 
@@ -74,13 +75,13 @@ impl fmt::Display for Function {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TemperatureField {
-    /// Which field.
+    /// The seed that the field is drawn with.
     pub seed: u64,
-    /// Its mean, degrees Celsius.
+    /// The mean of the field, degrees Celsius.
     pub mean_c: f64,
-    /// Its spread over the area, degrees Celsius.
+    /// The spread of the field over the area, degrees Celsius.
     pub spread_c: f64,
-    /// The sensors' own noise, degrees Celsius.
+    /// The noise of the sensors, degrees Celsius.
     pub sensor_noise_c: f64,
 }
 
@@ -96,7 +97,7 @@ impl Default for TemperatureField {
 }
 
 impl Sensing {
-    /// Checks everything that needs no other file.
+    /// Checks everything that does not depend on another file.
     pub(super) fn check(&self, sensors: usize) -> Result<(), String> {
         let field = &self.field;
         for (name, value) in [
@@ -139,7 +140,7 @@ impl Sensing {
         }
     }
 
-    /// The keys of the table, for a file.
+    /// Formats the keys of the table for a file.
     pub(super) fn to_toml(&self) -> String {
         let field = &self.field;
         let mut text = format!("function = \"{}\"\n", self.function);
@@ -161,7 +162,7 @@ impl Sensing {
         text
     }
 
-    /// Reads the CSV, if the table names one.
+    /// Reads the CSV file, if the table names one.
     pub(super) fn load_measurements(
         &mut self,
         folder: &Path,
@@ -179,8 +180,8 @@ impl Sensing {
             .map_err(|problem| format!("sensing.measurements_csv: {}: {problem}", path.display()))
     }
 
-    /// Checks the numbers themselves, wherever they come from: as many slots as the mission has,
-    /// and above 0 for a geometric mean.
+    /// Checks the measurements themselves, from whichever source: there must be a row for every
+    /// slot of the mission, and all values must be above 0 for a geometric mean.
     pub(super) fn check_measurements(&self, mission: &HostMission) -> Result<(), String> {
         let rows = self.measurements(mission);
         let slots = mission.slots() as usize;
@@ -205,7 +206,7 @@ impl Sensing {
         Ok(())
     }
 
-    /// `d_{j,n}`: what every sensor measures in every slot, in [`unit`](Self::unit).
+    /// Returns `d_{j,n}`: what every sensor measures in every slot, in [`unit`](Self::unit).
     pub fn measurements(&self, mission: &HostMission) -> Vec<Vec<f64>> {
         match &self.measurements {
             Some(rows) => rows.clone(),
@@ -226,7 +227,7 @@ fn read_csv(path: &Path, mission: &HostMission) -> Result<Vec<Vec<f64>>, String>
     for (index, record) in reader.records().enumerate() {
         let record = record.map_err(|error| error.to_string())?;
         let row = index + 1;
-        // A first row of names is a header.
+        // A first row that consists of names is a header.
         if index == 0 && record.iter().all(|cell| cell.parse::<f64>().is_err()) {
             continue;
         }
@@ -262,7 +263,7 @@ struct Spot {
 }
 
 impl TemperatureField {
-    /// Every sensor in every slot.
+    /// Returns the measurement of every sensor in every slot.
     fn measure(&self, mission: &HostMission) -> Vec<Vec<f64>> {
         let p = mission.parameters();
         let mut random = Pcg64::seed_from_u64(self.seed);

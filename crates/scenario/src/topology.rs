@@ -1,4 +1,4 @@
-//! Makes scenarios: Table I's parameters on a random layout.
+//! Generates scenarios: Table I's parameters on a random layout.
 
 use clap::ValueEnum;
 use firmware_core::{
@@ -14,7 +14,7 @@ use super::{
     UsersTable,
 };
 
-/// How users and sensors lie to one another (the paper's Sec. VI).
+/// How users and sensors are placed relative to one another (the paper's Sec. VI).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Topology {
@@ -27,11 +27,13 @@ pub enum Topology {
 /// An axis-aligned rectangle, metres: `[west, east]`, `[south, north]`.
 type Rectangle = [[f64; 2]; 2];
 
-/// Table I on a layout drawn with `seed`: 15 users, 36 sensors, from the south-west corner to
-/// the north-east one; with other numbers of sensors `J Gamma` is kept. The layout is our assumption; the paper prints none.
+/// Generates a scenario with the parameters of Table I, which has 15 users and 36 sensors, on a
+/// layout drawn with `seed`. The vehicle flies from the south-west corner to the north-east one.
+/// With other numbers of sensors, the product `J Gamma` is kept. The layout is our assumption,
+/// because the paper does not print one.
 ///
 /// # Errors
-/// Numbers of users or sensors that the controller cannot hold.
+/// Returns an error if the controller cannot hold that many users or sensors.
 pub fn generate(
     topology: Topology,
     seed: u64,
@@ -89,7 +91,7 @@ pub fn generate_on(
             ));
         }
     }
-    // Before anything is drawn: a number of terabytes is no layout.
+    // Checked before anything is drawn, because a very large number would exhaust the memory.
     for (what, count, most) in [
         ("users", users, USERS_MAX),
         ("sensors", sensors, SENSORS_MAX),
@@ -153,14 +155,15 @@ pub fn generate_on(
     Scenario::from_file(name, file)
 }
 
-/// Gamma with the `J Gamma` of Table I, 36 sensors at 0.015, so that the physical limit of a slot,
-/// `log2(1 / (1 - J Gamma))`, stays and Gamma is below 1/J whatever J is; to five decimals.
+/// Returns the `Gamma` that keeps the `J Gamma` of Table I (36 sensors at 0.015), rounded to five
+/// decimals. The physical limit of a slot, `log2(1 / (1 - J Gamma))`, is then the same for every
+/// `J`, and `Gamma` is always below `1/J`.
 fn usual_threshold(sensors: usize) -> f64 {
     let share = 36.0 * 0.015;
     (share / sensors.max(1) as f64 * 1e5).round() / 1e5
 }
 
-/// `count` places on the ground, to the decimetre.
+/// Draws `count` positions, rounded to a decimetre.
 fn draw(
     random: &mut Pcg64,
     count: usize,

@@ -1,10 +1,10 @@
-//! The vehicle's body: how it moves towards what it is asked for.
+//! The vehicle's body: how it moves towards its demanded position.
 //!
-//! `ideal` is the paper's kinematics: a setpoint's place is reached when the setpoint arrives,
-//! so that any way-point within V_max delta is reached by the slot's end. All others are a
-//! point mass with a position loop around a velocity loop, whose speed, acceleration and jerk
-//! are limited. How the loops follow a stream of moving setpoints is fitted to recorded flights
-//! ([`Tracking`]).
+//! `ideal` is the paper's kinematics: the vehicle is at the setpoint's position as soon as the
+//! setpoint arrives, so any waypoint within V_max delta is reached by the end of the slot. All
+//! other bodies are a point mass with a position loop around a velocity loop, whose speed,
+//! acceleration and jerk are limited. How the loops follow a stream of moving setpoints is fitted
+//! to recorded flights ([`Tracking`]).
 
 use firmware_core::Position;
 use firmware_core::time::Duration;
@@ -14,65 +14,68 @@ use super::ability::Ability;
 use super::profile::Profile;
 use super::wind::Air;
 
-/// A setpoint in map coordinates, as it came.
+/// A setpoint in map coordinates, as received.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Target {
     pub(super) position: Position<f64>,
     pub(super) altitude_m: f64,
-    /// `None` where the setpoint said to ignore it: then the place is one to stop at.
+    /// The velocity, or `None` if the setpoint said to ignore it. The vehicle then stops at the
+    /// position.
     pub(super) velocity: Option<Vector2<f64>>,
     pub(super) acceleration: Vector2<f64>,
-    /// Seconds since it came.
+    /// The time since the setpoint was received, seconds.
     pub(super) age_s: f64,
 }
 
-/// What the body is asked for.
+/// What the body must do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Demand {
-    /// Stand on the ground.
+    /// Stands on the ground.
     Rest,
-    /// Stop and stay at this altitude.
+    /// Stops and stays at this altitude.
     Hold { altitude_m: f64 },
-    /// Follow a setpoint.
+    /// Follows a setpoint.
     Track(Target),
-    /// Fly to a place at up to this speed and stop there.
+    /// Flies to a position at up to this speed and stops there.
     Go {
         position: Position<f64>,
         altitude_m: f64,
         speed_mps: f64,
     },
-    /// Come down where it is, at this rate.
+    /// Descends where it is, at this rate.
     Descend { rate_mps: f64 },
 }
 
 /// How a body follows a stream of moving setpoints.
 ///
-/// The constants of ArduCopter and PX4 are fitted to the recordings `arducopter-sac` and
-/// `px4-sac`, with the recorded setpoints as input; `tests/replay.rs` holds the distance between
-/// the recorded flights and these bodies. ArduCopter's are what its setpoint shaping consists of:
-/// a jerk limit, and gains of jerk / acceleration and a quarter of that.
+/// The constants of ArduCopter and PX4 are fitted to the recordings `arducopter-sac` and `px4-sac`,
+/// with the recorded setpoints as input. `tests/replay.rs` checks the distance between the recorded
+/// flights and these bodies. ArduCopter's constants are those of its setpoint shaping: a jerk
+/// limit, a gain of jerk / acceleration, and a gain of a quarter of that.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Tracking {
-    /// Position loop, 1/s; for ArduCopter in units of [`Ability::shaping_per_s`].
+    /// The gain of the position loop, 1/s. For ArduCopter it is in units of
+    /// [`Ability::shaping_per_s`].
     position_gain: f64,
-    /// Velocity loop, likewise.
+    /// The gain of the velocity loop, in the same unit.
     velocity_gain: f64,
-    /// How much of a setpoint's acceleration is taken over.
+    /// The fraction of a setpoint's acceleration that is fed forward.
     feedforward: f64,
-    /// Largest change of the acceleration, m/s^3.
+    /// The largest change of the acceleration, m/s^3.
     jerk_mps3: f64,
-    /// Largest acceleration, m/s^2.
+    /// The largest acceleration, m/s^2.
     acceleration_mps2: f64,
-    /// How far the loops may exceed the airframe's limit, which holds for what they follow.
+    /// How far the loops may exceed the limit of the airframe. The limit applies to what they
+    /// follow.
     headroom: f64,
-    /// From a setpoint's arrival to its effect, s.
+    /// The delay from a setpoint's arrival to its effect, s.
     delay_s: f64,
-    /// Time constant of the lean, s.
+    /// The time constant of the lean, s.
     lag_s: f64,
 }
 
 impl Tracking {
-    /// Of a body that has no model in the recordings.
+    /// The constants of a body that has no model in the recordings.
     const GENERIC: Self = Self {
         position_gain: POSITION_GAIN,
         velocity_gain: VELOCITY_GAIN,
@@ -115,15 +118,15 @@ impl Tracking {
     }
 }
 
-/// Position loop, 1/s.
+/// The gain of the position loop, 1/s.
 const POSITION_GAIN: f64 = 1.5;
-/// Velocity loop, 1/s.
+/// The gain of the velocity loop, 1/s.
 const VELOCITY_GAIN: f64 = 4.0;
-/// Vertical position loop, 1/s.
+/// The gain of the vertical position loop, 1/s.
 const CLIMB_GAIN: f64 = 1.5;
-/// Largest vertical acceleration, m/s^2.
+/// The largest vertical acceleration, m/s^2.
 const VERTICAL_ACCELERATION: f64 = 4.0;
-/// Below this height a descent goes on slowly, m and m/s.
+/// The height below which a descent is slower, m, and the rate of that descent, m/s.
 const FLARE: (f64, f64) = (8.0, 1.0);
 
 #[derive(Clone, Copy, Debug)]
@@ -159,7 +162,7 @@ impl Body {
         }
     }
 
-    /// From a setpoint's arrival to its effect.
+    /// Returns the delay from a setpoint's arrival to its effect.
     pub(super) fn setpoint_delay(&self) -> Duration {
         Duration::from_secs_f64(self.tracking.delay_s)
     }
@@ -168,7 +171,8 @@ impl Body {
         self.altitude_m <= 0.0
     }
 
-    /// An ideal body is where its setpoint says the moment the setpoint arrives.
+    /// Applies a setpoint to an ideal body, which is at the setpoint's position as soon as it
+    /// arrives.
     pub(super) fn take(&mut self, target: &Target) {
         if let (true, Some(velocity)) = (self.ideal, target.velocity) {
             self.position = target.position;
@@ -177,7 +181,7 @@ impl Body {
         }
     }
 
-    /// Moves on by `dt_s` seconds.
+    /// Advances the body by `dt_s` seconds.
     pub(super) fn step(&mut self, dt_s: f64, demand: &Demand, ability: &Ability, air: &Air) {
         let altitude_m = match *demand {
             Demand::Rest => {
@@ -258,8 +262,8 @@ impl Body {
                 age_s,
                 ..
             }) => {
-                // The setpoint says where to be when it came; it is carried on from there,
-                // the acceleration for no longer than a few setpoints.
+                // The setpoint states the position at the time of its arrival. It is extrapolated
+                // from there, and the acceleration only over a few setpoints.
                 let age_s = age_s - tracking.delay_s;
                 let bend = age_s.min(0.3);
                 let now = velocity + acceleration * bend;
@@ -294,7 +298,7 @@ impl Body {
         )
     }
 
-    /// The fitted constants hold for streams of moving setpoints only.
+    /// The fitted constants are valid only for streams of moving setpoints.
     fn tracking_of(&self, demand: &Demand, ability: &Ability) -> Tracking {
         match demand {
             Demand::Track(Target {
@@ -308,7 +312,7 @@ impl Body {
         }
     }
 
-    /// Velocity that ends at rest at `place`: no faster than it can brake.
+    /// Returns the velocity that ends at rest at `place`: no faster than the body can brake.
     fn approach(&self, place: Position<f64>, speed_mps: f64, ability: &Ability) -> Vector2<f64> {
         let open = place - self.position;
         let distance = open.norm();

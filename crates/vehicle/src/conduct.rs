@@ -1,5 +1,5 @@
-//! What the vehicle does: from its mode, setpoint and mission to what the body is asked for,
-//! and what its autopilot does by itself.
+//! The vehicle's behaviour: maps its mode, setpoint and mission to a demand on the body, and
+//! implements the autopilot's own failsafes.
 
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::time::Duration;
@@ -9,17 +9,18 @@ use super::ability::Ability;
 use super::body::Demand;
 use super::simulated::{FlightMode, Setpoint, Vehicle};
 
-/// On the ground in a landing mode for this long, the motors stop.
+/// On the ground in a landing mode, the motors stop after this time.
 const DISARM_AFTER: Duration = Duration::from_secs(1);
-/// ArduCopter: without a ground station's heartbeat for this long it returns, if told to.
+/// ArduCopter returns after this time without a ground station's heartbeat, if its parameters say
+/// so.
 const GROUND_TIMEOUT: Duration = Duration::from_secs(5);
-/// ArduCopter: armed on the ground for this long, the motors stop.
+/// ArduCopter stops the motors after this time armed on the ground.
 const IDLE_DISARM: Duration = Duration::from_secs(10);
-/// PX4: between the loss of setpoints and the failsafe.
+/// PX4's time between the loss of setpoints and the failsafe.
 const OFFBOARD_GRACE: Duration = Duration::from_secs(5);
 
 impl Vehicle {
-    /// What the autopilot does by itself.
+    /// Applies the autopilot's own failsafes.
     pub(super) fn own_failsafes(&mut self) {
         let setpoint_age = self.setpoint.map(|setpoint| self.time - setpoint.came);
         match self.firmware {
@@ -56,8 +57,8 @@ impl Vehicle {
         }
     }
 
-    /// ArduCopter returns by itself when the battery is low or its fence is left, if told to. What
-    /// it says is what was recorded.
+    /// Implements ArduCopter's own return when the battery is low or the fence is left, if its
+    /// parameters say so. The status texts are those that were recorded.
     fn watch_battery_and_fence(&mut self, flies: bool) {
         if !flies || matches!(self.mode, FlightMode::Return | FlightMode::Land) {
             return;
@@ -125,7 +126,7 @@ impl Vehicle {
         }
     }
 
-    /// ArduCopter returns as fast as its parameters allow.
+    /// Returns the speed of ArduCopter's return, which its parameters limit.
     fn return_speed_mps(&self) -> f64 {
         match self.firmware {
             Firmware::ArduCopter => f64::INFINITY,
@@ -133,7 +134,8 @@ impl Vehicle {
         }
     }
 
-    /// PX4 takes off with setpoints; the others drop them on the ground.
+    /// Returns whether setpoints start a take-off. They do with PX4; other autopilots ignore them
+    /// on the ground.
     fn rises_by_setpoint(&self) -> bool {
         self.firmware == Firmware::Px4
             && self.mode == FlightMode::Guided
@@ -144,7 +146,8 @@ impl Vehicle {
         let age = self.time - setpoint.came;
         let mut target = setpoint.target;
         if age > self.setpoint_timeout() && target.velocity.is_some() {
-            // The stream broke off while moving: stop there, or (PX4) at the last target.
+            // The stream stopped while the vehicle was moving: it stops there or, with PX4, at the
+            // last target.
             if self.firmware != Firmware::Px4 {
                 return Demand::Hold {
                     altitude_m: target.altitude_m,
@@ -163,7 +166,7 @@ impl Vehicle {
         Demand::Track(target)
     }
 
-    /// How long a moving setpoint is flown on without the next one.
+    /// Returns how long the last moving setpoint is followed without a new one.
     fn setpoint_timeout(&self) -> Duration {
         let parameter = |name, default: f64| {
             Duration::from_secs_f64(self.parameters.number(name).unwrap_or(default))
@@ -174,7 +177,7 @@ impl Vehicle {
         }
     }
 
-    /// The airframe's ability as its parameters clip it.
+    /// Returns the airframe's ability, limited by its parameters.
     pub(super) fn ability(&self) -> Ability {
         self.parameters.clip(self.settings.ability)
     }

@@ -1,4 +1,4 @@
-//! What the vehicle is told: commands, setpoints, parameters.
+//! The messages that the vehicle receives: commands, setpoints, parameters.
 
 use firmware_core::autopilot::frames::{Geodetic, vector_from_ned};
 use firmware_core::autopilot::profile::{Firmware, Mode};
@@ -16,7 +16,7 @@ use super::parameters::Value;
 use super::simulated::{FlightMode, Setpoint, Vehicle};
 use super::streams::LOCAL_POSITION_NED;
 
-/// Setpoints further apart than this do not make a stream (PX4 asks for 2 Hz).
+/// Setpoints further apart than this are not a stream (PX4 requires 2 Hz).
 const STREAM_GAP: Duration = Duration::from_millis(500);
 
 impl Vehicle {
@@ -169,7 +169,7 @@ impl Vehicle {
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_MISSION_START => self.start_mission(now),
-            // Only once there is a target whose speed could change.
+            // The speed can only be changed once there is a target.
             MavCmd::MAV_CMD_DO_CHANGE_SPEED if self.setpoint.is_none() => R::MAV_RESULT_FAILED,
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => R::MAV_RESULT_ACCEPTED,
             _ => R::MAV_RESULT_UNSUPPORTED,
@@ -211,7 +211,8 @@ impl Vehicle {
         MavResult::MAV_RESULT_ACCEPTED
     }
 
-    /// Setpoints have flowed for half a second or more, without a gap, until now.
+    /// Returns whether setpoints have been received for half a second or more, without a gap, until
+    /// now.
     fn stream_flows(&self, now: Instant) -> bool {
         let fresh = self.setpoint.is_some_and(|s| now - s.came < STREAM_GAP);
         fresh
@@ -318,7 +319,7 @@ impl Vehicle {
         }
     }
 
-    /// Takes a setpoint, or drops it in silence; true if it was taken.
+    /// Accepts a setpoint or silently drops it. Returns true if it was accepted.
     fn take_target(&mut self, now: Instant, target: Target) -> bool {
         let gap = self.setpoint.is_none_or(|s| now - s.came > STREAM_GAP);
         if gap || self.stream_since.is_none() {
@@ -342,7 +343,7 @@ impl Vehicle {
         flies
     }
 
-    /// The number of a mode on the wire.
+    /// Returns the number that represents a mode in messages.
     pub(super) fn custom_mode(&self, mode: FlightMode) -> u32 {
         let px4 = self.firmware == Firmware::Px4;
         match mode {

@@ -1,9 +1,9 @@
 //! The built-in vehicle: a MAVLink 2 endpoint around a simulated body, without I/O.
 //!
-//! It takes bytes and the time and gives bytes, like the client it is flown by; whether they
-//! travel through a function call, a lossy link or a socket is not its business. In simulated
-//! time it is deterministic. Its clock need not run as fast as the caller's: all of its time is
-//! [`VehicleSettings::clock_rate`] of the time that it is given.
+//! Its inputs are bytes and the time, its output is bytes, like those of the client that flies it.
+//! It does not matter whether they are transferred by a function call, a lossy link or a socket. In
+//! simulated time it is deterministic. Its clock may run at another rate than the caller's: its own
+//! time is [`VehicleSettings::clock_rate`] times the time that it is given.
 //!
 //! ```text
 //! receive(now, bytes) ─ endpoint ─ mode, arming, setpoint ─ body ─ telemetry ─ next_frame()

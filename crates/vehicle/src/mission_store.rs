@@ -1,22 +1,22 @@
-//! What the vehicle has stored of a mission, and what is coming.
+//! The mission that the vehicle has stored, and the upload that is in progress.
 
 use firmware_core::autopilot::wire::Address;
 use firmware_core::time::Instant;
 use mavlink::dialects::common::MISSION_ITEM_INT_DATA;
 
-/// A transfer to us.
+/// An upload to the vehicle.
 #[derive(Debug)]
 pub(super) struct Incoming {
     pub(super) from: Address,
     pub(super) count: u16,
     pub(super) items: Vec<MISSION_ITEM_INT_DATA>,
-    /// The sender does not know the old form of requests.
+    /// Whether the sender does not support the deprecated form of requests.
     pub(super) new_requests: bool,
     pub(super) asked: Instant,
     pub(super) progress: Instant,
 }
 
-/// What is stored, what is coming, and where a flight through it is.
+/// The stored mission, the upload in progress, and the progress of a flight through the mission.
 #[derive(Debug, Default)]
 pub(super) struct Missions {
     pub(super) items: Vec<MISSION_ITEM_INT_DATA>,

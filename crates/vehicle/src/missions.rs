@@ -1,7 +1,7 @@
-//! The vehicle's side of the mission protocol, with each autopilot's habits, and how an
-//! uploaded mission is flown.
+//! The vehicle's side of the mission protocol, with the peculiarities of each autopilot, and the
+//! flight of an uploaded mission.
 
-// Autopilots still ask with the request that MAVLink has since deprecated.
+// Autopilots still send the request that MAVLink has since deprecated.
 #![allow(deprecated)]
 
 use firmware_core::autopilot::frames::Geodetic;
@@ -19,21 +19,22 @@ use super::mission_store::{Incoming, Missions};
 use super::simulated::{FlightMode, Vehicle};
 
 const ASK_AGAIN: Duration = Duration::from_secs(1);
-/// Without progress for this long a transfer is over.
+/// A transfer ends after this time without progress.
 const GIVE_UP: Duration = Duration::from_secs(8);
-/// PX4 refuses to start a mission that was stored less than this ago.
+/// PX4 does not start a mission that was stored less than this time ago.
 const SETTLE: Duration = Duration::from_millis(500);
-/// A way-point counts as reached this near, m.
+/// A waypoint counts as reached within this distance, m.
 const REACHED_M: f64 = 2.0;
-/// ArduCopter has no space for a mission until this long after it has booted.
+/// ArduCopter does not accept a mission until this long after it has booted.
 const NO_SPACE_UNTIL: Instant = Instant::from_micros(2_400_000);
-/// The most items that are stored.
+/// The largest number of items that are stored.
 const CAPACITY: u16 = 700;
 
 const MISSION: MavMissionType = MavMissionType::MAV_MISSION_TYPE_MISSION;
 
 impl Vehicle {
-    /// Takes a message of the mission protocol; false if it is none.
+    /// Handles a message of the mission protocol. Returns false if the message does not belong to
+    /// it.
     pub(super) fn handle_mission(
         &mut self,
         now: Instant,
@@ -47,7 +48,8 @@ impl Vehicle {
                     self.answer_mission(from, MavMissionResult::MAV_MISSION_NO_SPACE);
                     return true;
                 }
-                // ArduCopter writes over the old mission as items come; PX4 at the end.
+                // ArduCopter overwrites the old mission as items are received; PX4 replaces it at
+                // the end.
                 if self.firmware != Firmware::Px4 {
                     self.missions.items.clear();
                 }
@@ -78,8 +80,8 @@ impl Vehicle {
             }
             MavMessage::MISSION_REQUEST_INT(request) => self.give_item(from, request.seq),
             MavMessage::MISSION_REQUEST(request) => self.give_item(from, request.seq),
-            // PX4 asks for the first item with the old request; who does not know it says so (as
-            // MAVSDK does), and is asked with the new one.
+            // PX4 sends the deprecated request for the first item. A client that does not support
+            // it says so (as MAVSDK does), and PX4 then sends the new one.
             MavMessage::MISSION_ACK(ack)
                 if self.firmware == Firmware::Px4
                     && ack.mavtype == MavMissionResult::MAV_MISSION_UNSUPPORTED =>
@@ -123,7 +125,8 @@ impl Vehicle {
         };
         incoming.asked = now;
         let (to, seq) = (incoming.from, incoming.items.len() as u16);
-        // ArduCopter asks with the old request and takes the new item; so does PX4 at first.
+        // ArduCopter sends the deprecated request and accepts the new item. PX4 does the same at
+        // first.
         let old = match self.firmware {
             Firmware::ArduCopter => true,
             Firmware::Px4 => seq == 0 && !incoming.new_requests,
@@ -159,7 +162,7 @@ impl Vehicle {
             self.answer_mission(from, MavMissionResult::MAV_MISSION_INVALID);
             return;
         }
-        // PX4 takes commands without a place in the frame MISSION only.
+        // PX4 accepts commands without a position only in the frame MISSION.
         let placeless = matches!(
             item.command,
             MavCmd::MAV_CMD_DO_CHANGE_SPEED | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
@@ -200,14 +203,14 @@ impl Vehicle {
         }
     }
 
-    /// Asks again for an item that did not come, and gives up in the end.
+    /// Requests an item again if it was not received, and finally gives up.
     pub(super) fn tend_mission_transfer(&mut self, now: Instant) {
         let Some(incoming) = &self.missions.incoming else {
             return;
         };
         if now - incoming.progress >= GIVE_UP {
             let from = incoming.from;
-            // ArduCopter keeps the part that came, and AUTO flies it.
+            // ArduCopter keeps the part that was received, and AUTO flies it.
             self.missions.incoming = None;
             self.answer_mission(from, MavMissionResult::MAV_MISSION_OPERATION_CANCELLED);
         } else if now - incoming.asked >= ASK_AGAIN {
@@ -215,13 +218,13 @@ impl Vehicle {
         }
     }
 
-    /// PX4 does not start a mission that has just been stored.
+    /// Returns whether a mission was stored so recently that PX4 does not start it.
     pub(super) fn mission_settles(&self, now: Instant) -> bool {
         let fresh = self.missions.stored_at.is_some_and(|at| now - at < SETTLE);
         fresh && self.firmware == Firmware::Px4
     }
 
-    /// MISSION_START.
+    /// Handles MISSION_START.
     pub(super) fn start_mission(&mut self, now: Instant) -> MavResult {
         if self.missions.items.is_empty() || !self.armed {
             MavResult::MAV_RESULT_FAILED
@@ -234,7 +237,7 @@ impl Vehicle {
         }
     }
 
-    /// What the present item asks for; `None` where there is nothing (more) to fly.
+    /// Returns the demand of the present item, or `None` if there is nothing (more) to fly.
     pub(super) fn mission_demand(&self) -> Option<Demand> {
         let item = self.missions.items.get(self.missions.current)?;
         let altitude_m = f64::from(item.z);
@@ -254,7 +257,7 @@ impl Vehicle {
         })
     }
 
-    /// Goes on to the next item when the present one is done.
+    /// Proceeds to the next item when the present one is complete.
     pub(super) fn fly_mission(&mut self) {
         if self.mode != FlightMode::Auto || !self.armed {
             return;
@@ -292,7 +295,7 @@ impl Vehicle {
             return;
         }
         self.hold_altitude_m = self.body.altitude_m;
-        // PX4 says it more than once.
+        // PX4 sends this more than once.
         let times = if self.firmware == Firmware::Px4 { 2 } else { 1 };
         for _ in 0..times {
             let seq = item.seq;

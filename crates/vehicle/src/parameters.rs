@@ -1,9 +1,10 @@
-//! Parameters: what clips the vehicle's speed and acceleration, readable and settable by name.
+//! The parameters, which limit the vehicle's speed and acceleration and can be read and set by
+//! name.
 
 use super::ability::Ability;
 use super::profile::Profile;
 
-/// A parameter's value and its type on the wire.
+/// A parameter's value and its type in messages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Value {
     Real(f32),
@@ -19,7 +20,7 @@ impl Value {
     }
 }
 
-/// Name and value of each, in the order of their indices.
+/// The name and value of every parameter, in the order of their indices.
 #[derive(Clone, Debug)]
 pub(super) struct Parameters {
     profile: Profile,
@@ -27,23 +28,23 @@ pub(super) struct Parameters {
 }
 
 impl Profile {
-    /// The names of its parameters.
+    /// Returns the names of the vehicle's parameters.
     pub fn parameter_names(self) -> Vec<&'static str> {
         let all = Parameters::of(self).all;
         all.into_iter().map(|(name, _)| name).collect()
     }
 
-    /// A parameter's default, if the vehicle has one of that name.
+    /// Returns the default of a parameter, if the vehicle has one of that name.
     pub fn parameter(self, name: &str) -> Option<f64> {
         Parameters::of(self).number(name)
     }
 }
 
-/// m/s^2.
+/// The gravitational acceleration, m/s^2.
 const GRAVITY: f64 = 9.806_65;
 
 impl Parameters {
-    /// The profile's defaults.
+    /// Returns the defaults of a profile.
     pub(super) fn of(profile: Profile) -> Self {
         use Value::{Integer, Real};
         let all = match profile {
@@ -105,17 +106,18 @@ impl Parameters {
         self.all.iter().position(|(known, _)| *known == name)
     }
 
-    /// The value of a parameter, if there is one of that name.
+    /// Returns the value of a parameter, if there is one of that name.
     pub(super) fn number(&self, name: &str) -> Option<f64> {
         self.index_of(name).map(|i| self.all[i].1.number())
     }
 
-    /// Whether an integer parameter has this value.
+    /// Returns whether an integer parameter has this value.
     pub(super) fn is(&self, name: &str, value: i32) -> bool {
         self.number(name) == Some(f64::from(value))
     }
 
-    /// Sets a known parameter to a finite value, in its own type; false if that cannot be.
+    /// Sets a known parameter to a finite value, in its own type. Returns false if that is not
+    /// possible.
     pub(super) fn set(&mut self, name: &str, value: f32) -> bool {
         let Some(index) = self.index_of(name).filter(|_| value.is_finite()) else {
             return false;
@@ -128,7 +130,7 @@ impl Parameters {
         true
     }
 
-    /// The airframe's ability as these parameters clip it.
+    /// Returns the airframe's ability, limited by these parameters.
     pub(super) fn clip(&self, ability: Ability) -> Ability {
         let number = |name| self.number(name).unwrap_or(f64::INFINITY);
         match self.profile {
@@ -136,7 +138,7 @@ impl Parameters {
             Profile::ArduCopter => {
                 let lean = (number("ANGLE_MAX") / 100.0).to_radians().min(1.4).tan();
                 Ability {
-                    // 30 degrees of lean hold 30 m/s against the drag.
+                    // A lean of 30 degrees sustains 30 m/s against the drag.
                     speed_mps: ability.speed_mps.min(number("WPNAV_SPEED") / 100.0),
                     airspeed_mps: ability
                         .airspeed_mps

@@ -1,4 +1,4 @@
-//! The vehicles that are built in, and what makes each of them difficult.
+//! The built-in vehicles and their characteristics.
 
 use std::str::FromStr;
 
@@ -11,28 +11,28 @@ use super::timing::{Pauses, Sampling};
 use mavlink::MessageData;
 use mavlink::dialects::common::HEARTBEAT_DATA;
 
-/// Which vehicle.
+/// The type of the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Profile {
-    /// The paper's kinematics.
+    /// Follows the paper's kinematics exactly.
     #[default]
     Ideal,
-    /// A point mass with limits, otherwise kind.
+    /// A point mass with limits and no other difficulties.
     Multirotor,
-    /// Behaves as ArduCopter did when it was flown.
+    /// Behaves like ArduCopter in the recorded flights.
     ArduCopter,
-    /// Behaves as PX4 did when it was flown.
+    /// Behaves like PX4 in the recorded flights.
     Px4,
 }
 
-/// Which body the autopilot flies.
+/// The body that the autopilot flies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Airframe {
-    /// One that reaches 30 m/s and more.
+    /// A body that reaches 30 m/s and more.
     #[default]
     Strong,
-    /// The default one of the autopilot's simulator: 15 m/s (ArduCopter), 10 m/s (PX4).
+    /// The default body of the autopilot's simulator: 15 m/s (ArduCopter), 10 m/s (PX4).
     Stock,
 }
 
@@ -49,10 +49,10 @@ impl FromStr for Airframe {
 }
 
 impl Profile {
-    /// All of them, in the order of difficulty.
+    /// All profiles, in the order of difficulty.
     pub const ALL: [Self; 4] = [Self::Ideal, Self::Multirotor, Self::ArduCopter, Self::Px4];
 
-    /// Its name on the command line.
+    /// Returns the name of the profile on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Ideal => "ideal",
@@ -62,7 +62,7 @@ impl Profile {
         }
     }
 
-    /// What its heartbeat says it is.
+    /// Returns the firmware that the vehicle's heartbeat states.
     pub const fn firmware(self) -> Firmware {
         match self {
             Self::Ideal | Self::Multirotor => Firmware::Generic,
@@ -71,7 +71,7 @@ impl Profile {
         }
     }
 
-    /// What its strong airframe can do, before parameters clip it.
+    /// Returns the ability of the profile's strong airframe, before parameters limit it.
     pub const fn ability(self) -> Ability {
         match self {
             Self::Ideal => Ability {
@@ -108,8 +108,8 @@ impl Profile {
         }
     }
 
-    /// What an airframe can do, before parameters clip it. Only autopilots whose simulator was
-    /// flown have a stock one of their own.
+    /// Returns the ability of an airframe, before parameters limit it. Only autopilots whose
+    /// simulator was flown have a stock airframe of their own.
     pub const fn ability_with(self, airframe: Airframe) -> Ability {
         let ability = self.ability();
         match (self, airframe) {
@@ -120,8 +120,8 @@ impl Profile {
                 ..ability
             },
             (Self::Px4, Airframe::Stock) => Ability {
-                // It leans as far as it may at 10 m/s; told to fly less, it stays behind, as
-                // the 7 m/s of the recorded flight show.
+                // The airframe leans as far as it may at 10 m/s. If it is commanded to fly more
+                // slowly, it lags behind, as at 7 m/s in the recorded flight.
                 acceleration_mps2: 8.77,
                 drag_per_s: 0.877,
                 ..ability
@@ -130,7 +130,7 @@ impl Profile {
         }
     }
 
-    /// How fast its clock runs, in seconds per second: as recorded.
+    /// Returns the rate of the vehicle's clock, in seconds per second, as recorded.
     pub(super) const fn clock_rate(self) -> f64 {
         match self {
             Self::Ideal | Self::Multirotor => 1.0,
@@ -139,7 +139,7 @@ impl Profile {
         }
     }
 
-    /// How regularly its samples come: as recorded.
+    /// Returns how regularly samples are received from the vehicle, as recorded.
     pub(super) const fn sampling(self) -> Sampling {
         let (jitter_ms, rare_ms, grid_ms) = match self {
             Self::Ideal | Self::Multirotor => (0, 0, 0),
@@ -153,7 +153,7 @@ impl Profile {
         }
     }
 
-    /// Ids of messages whose interval it does not let anybody set: PX4's heartbeat.
+    /// Returns the ids of messages whose interval cannot be changed: PX4's heartbeat.
     pub(super) fn refused_intervals(self) -> Vec<u32> {
         match self {
             Self::Px4 => vec![HEARTBEAT_DATA::ID],
@@ -161,7 +161,7 @@ impl Profile {
         }
     }
 
-    /// How often nothing comes from it for a moment: some twice in a flight.
+    /// Returns how often the vehicle sends nothing for a moment: about twice in a flight.
     pub(super) const fn hiccups(self) -> Pauses {
         let (length_ms, interval_s) = match self {
             Self::Ideal | Self::Multirotor => (0, 0),
@@ -173,7 +173,7 @@ impl Profile {
         }
     }
 
-    /// From its start to its first heartbeat: as recorded.
+    /// Returns the time from the vehicle's start to its first heartbeat, as recorded.
     pub(super) const fn first_heartbeat_after(self) -> Duration {
         match self {
             Self::Ideal | Self::Multirotor => Duration::ZERO,
@@ -182,7 +182,7 @@ impl Profile {
         }
     }
 
-    /// The limits that a client should plan with: some way below the ability, so that the
+    /// Returns the limits that a client should plan with. They are below the ability, so that the
     /// vehicle can catch up.
     pub fn client_limits(self) -> Limits<f64> {
         match self {
@@ -198,7 +198,7 @@ impl Profile {
         }
     }
 
-    /// Until its estimator has an absolute position.
+    /// Returns the time until the vehicle's estimator has an absolute position.
     pub(super) const fn ready_after(self) -> Duration {
         match self {
             Self::Ideal => Duration::from_millis(200),

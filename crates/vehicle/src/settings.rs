@@ -10,49 +10,50 @@ use super::ability::Ability;
 use super::profile::Profile;
 use super::timing::{Pauses, Sampling};
 
-/// What a vehicle is made with.
+/// The settings that a vehicle is created with.
 #[derive(Clone, Debug)]
 pub struct VehicleSettings {
-    /// Which vehicle.
+    /// The type of the vehicle.
     pub profile: Profile,
-    /// Where the map's origin lies on Earth.
+    /// The location on Earth of the map's origin.
     pub map_origin: Geodetic,
-    /// Height of the map above mean sea level, m.
+    /// The height of the map above mean sea level, m.
     pub elevation_m: f64,
-    /// Where it stands at first, on the map, m.
+    /// The initial position of the vehicle on the map, m.
     pub start: Position<f64>,
-    /// What its body can do.
+    /// The physical limits of the body.
     pub ability: Ability,
-    /// Its MAVLink system id.
+    /// The MAVLink system id.
     pub system: u8,
-    /// Until its estimator has an absolute position.
+    /// The time until the estimator has an absolute position.
     pub ready_after: Duration,
-    /// How fast its clock runs, in seconds per second of the caller's time. PX4's simulator keeps
-    /// 0.99 of real time.
+    /// The rate of the vehicle's clock, in seconds per second of the caller's time. PX4's simulator
+    /// reaches 0.99 of real time.
     pub clock_rate: f64,
-    /// How regularly its samples are taken and delivered.
+    /// How regularly samples are taken and delivered.
     pub sampling: Sampling,
-    /// How often nothing comes from it for a moment.
+    /// How often the vehicle sends nothing for a moment.
     pub hiccups: Pauses,
-    /// How often its clock stands still: a simulator on a computer that is busy.
+    /// How often the clock stops, as that of a simulator on a busy computer does.
     pub stalls: Pauses,
-    /// Steady wind from the west, m/s, with gusts.
+    /// The steady wind from the west, m/s. Gusts are added to it.
     pub wind_mps: f64,
-    /// Ids of messages whose interval it does not let anybody set.
+    /// The ids of messages whose interval cannot be changed.
     pub refused_intervals: Vec<u32>,
-    /// Of jitter, hiccups, stalls and gusts.
+    /// The seed of jitter, hiccups, stalls and gusts.
     pub seed: u64,
-    /// From this time of its own on it sends and takes nothing any more: death without a word.
+    /// From this time of its own clock on, the vehicle sends and receives nothing: it fails
+    /// silently.
     pub die_after: Option<Duration>,
-    /// Parameters that differ from the profile's defaults: name and value.
+    /// The parameters that differ from the profile's defaults: name and value.
     pub parameters: Vec<(String, f32)>,
-    /// Signs and requires signatures: the key, and the time at first, microseconds since 1970;
-    /// [`Vehicle::set_signing_time`] moves it on.
+    /// If set, the vehicle signs its messages and requires signatures. Contains the key and the
+    /// initial time, microseconds since 1970, which [`Vehicle::set_signing_time`] advances.
     pub signing: Option<(SigningKey, u64)>,
 }
 
 impl VehicleSettings {
-    /// A vehicle of this profile on the ground at `start`.
+    /// Returns the settings of a vehicle of this profile on the ground at `start`.
     pub fn new(profile: Profile, map_origin: Geodetic, start: Position<f64>) -> Self {
         Self {
             profile,
@@ -76,21 +77,21 @@ impl VehicleSettings {
     }
 }
 
-/// Things that go wrong on purpose, for tests.
+/// Faults that tests inject.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Heartbeats stop.
+    /// No heartbeats are sent.
     pub no_heartbeat: bool,
-    /// Position messages stop.
+    /// No position messages are sent.
     pub no_position: bool,
-    /// Positions are reported wrong by so much, m.
+    /// The error of the reported positions, m.
     pub position_offset_m: Vector2<f64>,
-    /// Setpoints are taken and not flown.
+    /// Setpoints are accepted but not followed.
     pub ignore_setpoints: bool,
-    /// Its heartbeats say that the motors stand still.
+    /// The heartbeats state that the motors are stopped.
     pub disarmed: bool,
     /// The battery's voltage falls below the autopilot's own threshold.
     pub battery_low: bool,
-    /// What the battery shows, percent; `None` for full.
+    /// The reported charge of the battery, percent, or `None` for a full battery.
     pub battery_percent: Option<i8>,
 }

@@ -1,5 +1,6 @@
-//! The vehicle itself: its clock, its link and what it does in a step. The parts of its behaviour are in
-//! `endpoint` (what it takes), `telemetry` (what it sends), `missions` and `conduct` (how it flies).
+//! The vehicle itself: its clock, its link, and one step of its behaviour. The parts of the
+//! behaviour are in `endpoint` (received messages), `telemetry` (sent messages), `missions` and
+//! `conduct` (flight).
 
 use std::collections::VecDeque;
 
@@ -20,47 +21,47 @@ use super::streams::Streams;
 use super::timing::{StallingClock, Timing};
 use super::wind::Wind;
 
-/// What the vehicle is doing. Numbers for the wire come from its [`Firmware`].
+/// The mode of the vehicle. The numbers used in messages come from its [`Firmware`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlightMode {
-    /// A person flies by hand; without one it hovers.
+    /// A person flies by hand. Without one, the vehicle hovers.
     Manual,
-    /// Stays where it is.
+    /// The vehicle stays where it is.
     Loiter,
-    /// Follows setpoints: GUIDED, OFFBOARD.
+    /// The vehicle follows setpoints: GUIDED, OFFBOARD.
     Guided,
-    /// Flies its mission.
+    /// The vehicle flies its mission.
     Auto,
-    /// Returns to where it took off.
+    /// The vehicle returns to the place of take-off.
     Return,
-    /// Lands.
+    /// The vehicle lands.
     Land,
 }
 
-/// A setpoint and when it came.
+/// A setpoint and the time when it was received.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Setpoint {
     pub(super) came: Instant,
     pub(super) target: Target,
 }
 
-/// One step of the body.
+/// The length of one step of the body.
 const STEP: Duration = Duration::from_millis(10);
-/// Frames that nobody fetched; older ones go.
+/// The number of frames that wait to be fetched. Older frames are dropped.
 const OUTBOX: usize = 4096;
 
-/// The vehicle.
+/// The simulated vehicle.
 #[derive(Debug)]
 pub struct Vehicle {
     pub(super) settings: VehicleSettings,
     pub(super) firmware: Firmware,
     pub(super) decoder: Decoder,
     pub(super) encoder: Encoder,
-    /// Frames and when they leave.
+    /// The frames to send, with the times at which they leave.
     pub(super) outbox: VecDeque<(Instant, Vec<u8>)>,
     pub(super) timing: Timing,
     pub(super) stalling: StallingClock,
-    /// The vehicle's time up to which the body has moved, and the latest.
+    /// The vehicle's time up to which the body has been simulated. `clock` is its latest time.
     pub(super) time: Instant,
     pub(super) clock: Instant,
     pub(super) wind: Wind,
@@ -69,30 +70,30 @@ pub struct Vehicle {
     pub(super) mode: FlightMode,
     pub(super) armed: bool,
     pub(super) armed_at: Instant,
-    /// A take-off under way, to this altitude.
+    /// The altitude of the take-off in progress.
     pub(super) take_off_to: Option<f64>,
     pub(super) hold_altitude_m: f64,
     pub(super) setpoint: Option<Setpoint>,
-    /// The one before it, which is flown until the latest has its effect.
+    /// The previous setpoint, which is followed until the latest one takes effect.
     pub(super) previous: Option<Setpoint>,
-    /// Since when setpoints have flowed without a gap.
+    /// The time at which the present stream of setpoints without gaps began.
     pub(super) stream_since: Option<Instant>,
     pub(super) landed_since: Option<Instant>,
-    /// The last heartbeat of the ground station that counts for the failsafe.
+    /// The time of the last ground station heartbeat that counts for the failsafe.
     pub(super) ground_heard: Option<Instant>,
-    /// ArduCopter: a number that is not one reached the position controller.
+    /// ArduCopter: whether a value that is not a number reached the position controller.
     pub(super) crashed: bool,
-    /// PX4: left OFFBOARD because setpoints stopped.
+    /// PX4: whether OFFBOARD was left because setpoints stopped.
     pub(super) sinks: bool,
     pub(super) missions: Missions,
     pub(super) parameters: Parameters,
     pub(super) streams: Streams,
-    /// Set from outside to make things go wrong.
+    /// The faults that a test injects.
     pub faults: Faults,
 }
 
 impl Vehicle {
-    /// A vehicle on the ground.
+    /// Creates a vehicle on the ground.
     pub fn new(settings: VehicleSettings) -> Self {
         let firmware = settings.profile.firmware();
         let address = Address {
@@ -140,70 +141,71 @@ impl Vehicle {
         }
     }
 
-    /// Its clock: the time that its messages are stamped with.
+    /// Returns the time of the vehicle's clock, which its messages are stamped with.
     pub fn boot_time(&self) -> Instant {
         self.time
     }
 
-    /// Whether it follows the paper's kinematics: it is where its last setpoint says.
+    /// Returns whether the vehicle follows the paper's kinematics: it is always where its last
+    /// setpoint says.
     pub fn is_ideal(&self) -> bool {
         self.settings.profile == Profile::Ideal
     }
 
-    /// Where it really is, on the map, m.
+    /// Returns the true position on the map, m.
     pub fn true_position(&self) -> Position<f64> {
         self.body.position
     }
 
-    /// Its real velocity, m/s.
+    /// Returns the true velocity, m/s.
     pub fn velocity(&self) -> Vector2<f64> {
         self.body.velocity
     }
 
-    /// Its real height above the ground, m.
+    /// Returns the true height above the ground, m.
     pub fn altitude_m(&self) -> f64 {
         self.body.altitude_m
     }
 
-    /// Whether its motors may turn.
+    /// Returns whether the motors may turn.
     pub fn armed(&self) -> bool {
         self.armed
     }
 
-    /// What it is doing.
+    /// Returns the mode.
     pub fn mode(&self) -> FlightMode {
         self.mode
     }
 
-    /// How many mission items it has stored.
+    /// Returns the number of mission items that are stored.
     pub fn mission_items(&self) -> usize {
         self.missions.len()
     }
 
-    /// Whether the moment of [`VehicleSettings::die_after`] has come.
+    /// Returns whether the time of [`VehicleSettings::die_after`] has been reached.
     pub fn is_dead(&self) -> bool {
         let end = self.settings.die_after;
         end.is_some_and(|after| self.clock >= Instant::ZERO + after)
     }
 
-    /// The vehicle's own time at the caller's `now`.
+    /// Returns the vehicle's own time at the caller's `now`.
     pub(super) fn own_time(&mut self, now: Instant) -> Instant {
         let now = self.stalling.time(now);
         Instant::from_micros((now.as_micros() as f64 * self.settings.clock_rate).round() as u64)
     }
 
-    /// Takes a datagram, or a piece of a byte stream, that came at `now`.
+    /// Receives a datagram, or a piece of a byte stream, at `now`.
     pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
         self.step(now);
         if self.is_dead() {
             return;
         }
         let now = self.clock;
-        // The decoder is lent out while frames borrow from it.
+        // The decoder is moved out while frames borrow from it.
         let mut decoder = std::mem::take(&mut self.decoder);
         while let Some(frame) = decoder.next_frame(&mut bytes) {
             let sender = frame.sender();
-            // A value outside an enumeration: such a frame means nothing to us.
+            // The frame has a value outside an enumeration and is ignored.
             if let Ok(message) = frame.message() {
                 self.handle(now, sender, &message);
             }
@@ -211,7 +213,7 @@ impl Vehicle {
         self.decoder = decoder;
     }
 
-    /// The datagram is over: a frame that is not whole never will be.
+    /// Marks the end of a datagram. A frame that is incomplete then is discarded.
     pub fn end_of_datagram(&mut self, now: Instant) {
         self.step(now);
         let now = self.clock;
@@ -224,13 +226,14 @@ impl Vehicle {
         self.decoder = decoder;
     }
 
-    /// Lets the time pass up to `now`.
+    /// Advances the time to `now`.
     pub fn step(&mut self, now: Instant) {
         if self.is_dead() {
             return;
         }
         let own = self.own_time(now).max(self.clock);
-        // Real autopilots send from the loop that moves the body; the others when they are asked.
+        // Real autopilots send from the loop that moves the body. The others send when they are
+        // asked.
         let regular = self.firmware != Firmware::Generic;
         while self.time + STEP <= own {
             self.time += STEP;
@@ -247,7 +250,7 @@ impl Vehicle {
         }
     }
 
-    /// The next frame it sends; one datagram each.
+    /// Returns the next frame to send, one per datagram.
     pub fn next_frame(&mut self) -> Option<Vec<u8>> {
         let (leaves, _) = self.outbox.front()?;
         if *leaves > self.clock || self.is_dead() {
@@ -256,14 +259,14 @@ impl Vehicle {
         self.outbox.pop_front().map(|(_, frame)| frame)
     }
 
-    /// A pilot switches the mode with the remote control.
+    /// Simulates a pilot who switches the mode with the remote control.
     pub fn pilot_sets_mode(&mut self, now: Instant, mode: FlightMode) {
         self.step(now);
         self.set_mode(mode);
     }
 
-    /// Sets the clock of signatures, microseconds since 1970; it never goes back. It is no part
-    /// of simulated time: signatures of today must not look like tomorrow's.
+    /// Sets the clock of signatures, microseconds since 1970. It never decreases. It is independent
+    /// of simulated time, because signatures must not carry a time in the future.
     pub fn set_signing_time(&mut self, unix_us: u64) {
         if let Some(signer) = self.encoder.signer_mut() {
             signer.set_time(unix_us);
@@ -282,7 +285,7 @@ impl Vehicle {
         self.enqueue(frame);
     }
 
-    /// Frames of regular messages leave with jitter; see [`Streams`].
+    /// Queues a frame. Frames of regular messages leave with jitter; see [`Streams`].
     pub(super) fn enqueue(&mut self, frame: Vec<u8>) {
         if self.outbox.len() >= OUTBOX {
             self.outbox.pop_front();
@@ -303,7 +306,8 @@ impl Vehicle {
             self.hold_altitude_m = self.body.altitude_m;
             self.landed_since = None;
             self.sinks = false;
-            // Where heartbeats come once a second, the next one tells.
+            // If the autopilot sends heartbeats only once a second, the next one reports the
+            // change.
             if !self.faults.no_heartbeat && self.firmware.sends_heartbeats_on_request() {
                 self.send_heartbeat();
             }

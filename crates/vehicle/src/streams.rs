@@ -1,4 +1,4 @@
-//! Which messages the vehicle sends regularly, and how often.
+//! The messages that the vehicle sends regularly, and their intervals.
 
 use firmware_core::time::{Duration, Instant};
 
@@ -23,19 +23,19 @@ struct Stream {
     due: Instant,
 }
 
-/// All of them.
+/// All messages that are sent regularly.
 #[derive(Clone, Debug)]
 pub(super) struct Streams {
     all: Vec<Stream>,
-    /// What is being sent is a regular message, no answer.
+    /// Whether the message that is being sent is a regular one and not an answer.
     pub(super) sending: bool,
 }
 
-/// Nothing is sent faster than this.
+/// The shortest interval of any message.
 const SHORTEST_INTERVAL: Duration = Duration::from_millis(5);
 
 impl Streams {
-    /// What the profile sends without being asked.
+    /// Returns the messages that the profile sends without being asked.
     pub(super) fn of(profile: Profile) -> Self {
         let second = Duration::from_secs(1);
         let mut wanted = vec![(HEARTBEAT, second)];
@@ -60,7 +60,7 @@ impl Streams {
         }
     }
 
-    /// Changes how often a message is sent; `None` stops it.
+    /// Changes the interval of a message. `None` stops it.
     pub(super) fn set(&mut self, now: Instant, message: u32, interval: Option<Duration>) {
         self.all.retain(|stream| stream.message != message);
         if let Some(interval) = interval {
@@ -74,7 +74,7 @@ impl Streams {
 
     pub(super) fn take_due(&mut self, now: Instant) -> Option<u32> {
         let stream = self.all.iter_mut().find(|stream| now >= stream.due)?;
-        // On a steady grid; after a gap from now on.
+        // The times are on a regular grid, which starts again after a gap.
         stream.due =
             (stream.due + stream.interval).max(now.back(stream.interval) + SHORTEST_INTERVAL);
         Some(stream.message)

@@ -28,7 +28,7 @@ impl Vehicle {
         }
     }
 
-    /// Sends the message with this id once; false if there is none.
+    /// Sends the message with this id once. Returns false if there is no such message.
     pub(super) fn send_message(&mut self, now: Instant, message: u32) -> bool {
         let sampled = self.sampled(now, message);
         let time_boot_ms = sampled.millis_wrapping();
@@ -186,7 +186,7 @@ impl Vehicle {
         }));
     }
 
-    /// Says something to people.
+    /// Sends a status text for people.
     pub(super) fn say(&mut self, severity: MavSeverity, text: &str) {
         self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA {
             severity,
@@ -196,7 +196,8 @@ impl Vehicle {
         }));
     }
 
-    /// As recorded. PX4 sets the flag for a constant position for as long as it stands still.
+    /// Returns the flags of the estimator, as recorded. PX4 sets the flag for a constant position
+    /// while it stands still.
     fn estimator_flags(&self) -> EstimatorStatusFlags {
         use EstimatorStatusFlags as F;
         let ready = F::ESTIMATOR_ATTITUDE
@@ -223,7 +224,7 @@ impl Vehicle {
         }
     }
 
-    /// When what a message says was measured.
+    /// Returns the time at which the content of a message was measured.
     fn sampled(&mut self, now: Instant, message: u32) -> Instant {
         match message {
             LOCAL_POSITION_NED | GLOBAL_POSITION_INT | ATTITUDE => self.timing.sampled(now),
@@ -231,12 +232,13 @@ impl Vehicle {
         }
     }
 
-    /// ArduPilot and PX4 report a local position only once the estimator has one.
+    /// Returns whether a local position is reported. ArduPilot and PX4 report one only once the
+    /// estimator has one.
     fn has_position(&self) -> bool {
         self.is_ready() || self.firmware == Firmware::Generic
     }
 
-    /// Where it was at that time, which is near the present.
+    /// Returns the reported position at that time, which must be near the present.
     fn reported_position(&self, at: Instant) -> Position<f64> {
         let offset: Displacement<f64> = self.faults.position_offset_m;
         let moved = if self.firmware == Firmware::Generic {
@@ -247,7 +249,8 @@ impl Vehicle {
         self.body.position + moved + offset
     }
 
-    /// The origin of the local frame: the map's own, or where the estimator started.
+    /// Returns the origin of the local frame: the map's own, or the place where the estimator
+    /// started.
     pub(super) fn local_origin(&self) -> firmware_core::autopilot::frames::Geodetic {
         match self.firmware {
             Firmware::Generic => self.settings.map_origin,

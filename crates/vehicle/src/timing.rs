@@ -1,8 +1,9 @@
-//! The vehicle's clock, and when what it sends leaves it: stalls, jitter and hiccups, as recorded.
+//! The vehicle's clock and the times at which messages leave: stalls, jitter and hiccups, as
+//! recorded.
 //!
-//! Frames keep their order. A regular message leaves a little after it was made, now and then
-//! later. During a hiccup nothing leaves, and afterwards everything that waited does. During a
-//! stall the vehicle's time stands still, as that of a simulator does whose computer is busy.
+//! Frames keep their order. A regular message leaves a little after it was created, and
+//! occasionally later. During a hiccup nothing leaves, and afterwards all waiting messages leave at
+//! once. During a stall the vehicle's time stops, as in a simulator on a busy computer.
 
 use firmware_core::time::{Duration, Instant};
 use rand::{RngExt, SeedableRng};
@@ -11,26 +12,27 @@ use rand_pcg::Pcg64Mcg;
 /// How regularly samples are taken and delivered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sampling {
-    /// A regular message leaves up to this much after it was made.
+    /// The largest delay between the creation of a regular message and its departure.
     pub jitter: Duration,
-    /// One in two hundred leaves up to this much later.
+    /// The largest additional delay of one message in two hundred.
     pub rare_jitter: Duration,
-    /// Samples are taken at multiples of this time, up to one multiple and a half before they
-    /// are sent; zero: when they are sent.
+    /// Samples are taken at multiples of this time, up to one and a half multiples before they are
+    /// sent. If it is zero, they are taken when they are sent.
     pub grid: Duration,
 }
 
-/// Pauses that come at random: of what is sent (hiccups), or of the vehicle's clock (stalls).
+/// Random pauses, either of transmission (hiccups) or of the vehicle's clock (stalls).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pauses {
-    /// How long one lasts; zero for none.
+    /// The length of a pause, or zero for no pauses.
     pub length: Duration,
-    /// From one to the next, on average: half as long to half as long again.
+    /// The average time from one pause to the next. It varies between half and one and a half times
+    /// this value.
     pub interval: Duration,
 }
 
 impl Pauses {
-    /// From the beginning of one pause to that of the next.
+    /// Draws the time from the beginning of one pause to that of the next.
     fn next(&self, random: &mut Pcg64Mcg) -> Duration {
         self.interval / 2 + up_to(self.interval, random)
     }
@@ -40,12 +42,12 @@ fn up_to(span: Duration, random: &mut Pcg64Mcg) -> Duration {
     Duration::from_secs_f64(span.as_secs_f64() * random.random::<f64>())
 }
 
-/// A clock that stands still in its stalls and never makes up for them.
+/// A clock that stops during stalls and never makes up for the lost time.
 #[derive(Clone, Debug)]
 pub(super) struct StallingClock {
     stalls: Pauses,
     random: Pcg64Mcg,
-    /// Where the next stall begins, or the one that lasts began, in the caller's time.
+    /// The beginning of the next stall, or of the present one, in the caller's time.
     begins: Instant,
     lost: Duration,
 }
@@ -62,7 +64,7 @@ impl StallingClock {
         }
     }
 
-    /// The time that has passed outside of stalls; `now` never decreases.
+    /// Returns the time that has passed outside of stalls. `now` must never decrease.
     pub(super) fn time(&mut self, now: Instant) -> Instant {
         let length = self.stalls.length;
         if length == Duration::ZERO {
@@ -76,7 +78,7 @@ impl StallingClock {
     }
 }
 
-/// One message of this many is a rarely late one.
+/// One message in this number has the larger delay.
 const RARE: f64 = 200.0;
 
 #[derive(Clone, Debug)]
@@ -84,9 +86,9 @@ pub(super) struct Timing {
     sampling: Sampling,
     hiccups: Pauses,
     random: Pcg64Mcg,
-    /// Where the next hiccup begins.
+    /// The beginning of the next hiccup.
     hiccup_at: Instant,
-    /// When the last frame leaves.
+    /// The time at which the last frame leaves.
     last: Instant,
 }
 
@@ -107,7 +109,7 @@ impl Timing {
         self.hiccup_at += self.hiccups.next(&mut self.random);
     }
 
-    /// When a sample that is sent at `now` was taken.
+    /// Returns the time at which a sample that is sent at `now` was taken.
     pub(super) fn sampled(&mut self, now: Instant) -> Instant {
         let grid = self.sampling.grid;
         if grid == Duration::ZERO {
@@ -117,7 +119,7 @@ impl Timing {
         Instant::from_micros(before - before % grid.as_micros())
     }
 
-    /// When a frame that was made at `now` leaves; never before the one made before it.
+    /// Returns the time at which a frame created at `now` leaves, never before the previous frame.
     pub(super) fn leaves(&mut self, now: Instant, regular: bool) -> Instant {
         let mut at = now;
         if regular {
@@ -158,9 +160,9 @@ mod tests {
             stood += u32::from(passed == Duration::ZERO);
             last = time;
         }
-        // Four to six stalls a minute, or one more or less.
+        // Four to six stalls a minute, with a tolerance of one.
         assert!((450..=1_200).contains(&stood), "{stood} ms");
-        // Each stall begins and ends between two looks.
+        // Each stall begins and ends between two readings of the clock.
         let lost_ms = (Instant::from_micros(60_000_000) - last).as_micros() / 1_000;
         assert!(lost_ms.abs_diff(stood.into()) <= 10, "{lost_ms} {stood}");
     }

@@ -1,30 +1,31 @@
 //! The wind around the body: a steady part from the west, and gusts.
 //!
-//! The body flies in moving air. Its autopilot leans against the steady part and learns how much
-//! that takes; what pushes it off its path is what the wind changes faster than that. The largest
-//! speed holds through the air, so that over ground it is lower against the wind.
+//! The body flies in moving air. Its autopilot leans against the steady part, for which it learns
+//! the necessary angle. Only changes that are faster than this learning push the body off its path.
+//! The largest speed applies to motion through the air, so the speed over ground is lower against
+//! the wind.
 
 use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Standard deviation of a gust over the steady wind.
+/// The standard deviation of gusts divided by the steady wind.
 const TURBULENCE: f64 = 0.2;
-/// A gust changes within so long, s.
+/// The time constant of gusts, s.
 const GUST_S: f64 = 3.0;
-/// The autopilot's integrator learns the wind within so long, s.
+/// The time constant with which the autopilot's integrator learns the wind, s.
 const LEARNED_S: f64 = 2.0;
 
-/// What the air does to the body at one moment.
+/// The effect of the air on the body at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Air {
-    /// The wind's velocity over ground, m/s.
+    /// The velocity of the wind over ground, m/s.
     pub(super) wind: Vector2<f64>,
-    /// The part of it that the autopilot does not lean against yet, m/s.
+    /// The part of the wind that the autopilot does not lean against yet, m/s.
     pub(super) surprise: Vector2<f64>,
 }
 
-/// The wind as it changes. The same seed gives the same gusts.
+/// The wind as a function of time. The same seed gives the same gusts.
 #[derive(Clone, Debug)]
 pub(super) struct Wind {
     mean: Vector2<f64>,
@@ -34,7 +35,7 @@ pub(super) struct Wind {
 }
 
 impl Wind {
-    /// Wind from the west of this speed.
+    /// Creates wind from the west with this speed.
     pub(super) fn new(speed_mps: f64, seed: u64) -> Self {
         let mean = Vector2::new(speed_mps, 0.0);
         Self {
@@ -45,7 +46,7 @@ impl Wind {
         }
     }
 
-    /// Moves on by `dt_s` seconds.
+    /// Advances the wind by `dt_s` seconds.
     pub(super) fn step(&mut self, dt_s: f64) -> Air {
         if self.mean == Vector2::zeros() {
             return Air::default();

@@ -18,7 +18,7 @@ pub(crate) struct BoundArguments {
     /// Stop when (upper - lower) / upper is at most this
     #[arg(long, default_value_t = Settings::default().gap)]
     gap: f64,
-    /// Part the missions into at most so many; 1 shows what parting is worth
+    /// Part the missions into at most so many; 1 shows what branching is worth
     #[arg(long, default_value_t = Settings::default().leaves_max as u64,
         value_parser = clap::value_parser!(u64).range(1..=1000))]
     parts: u64,

@@ -1,9 +1,9 @@
-//! Square cells over the area, and which of them one slot's flight can join.
+//! Square cells over the area, and the pairs of cells that the flight of one slot can connect.
 
 use firmware_core::{Position, mission::Area};
 
-/// Cells of one size, anchored in the area's south-west corner. Halving the side splits each
-/// cell in four.
+/// Cells of one size, anchored in the area's south-west corner. Halving the side splits each cell
+/// into four.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Grid {
     pub(crate) side_m: f64,
@@ -12,7 +12,7 @@ pub(crate) struct Grid {
     area: Area<f64>,
 }
 
-/// A cell, as far as it lies in the area.
+/// A cell, cut to the area.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cell {
     pub(crate) low: Position<f64>,
@@ -34,7 +34,7 @@ impl Grid {
         Self::new(self.area, self.side_m / 2.0)
     }
 
-    /// The closed cell, cut to the area.
+    /// Returns the closed cell, cut to the area.
     pub(crate) fn cell(&self, column: i32, row: i32) -> Cell {
         let corner = |column: i32, row: i32| {
             Position::new(
@@ -54,7 +54,7 @@ impl Cell {
         nalgebra::center(&self.low, &self.high)
     }
 
-    /// Distance from a place to the nearest point of the cell, metres.
+    /// Returns the distance from a position to the nearest point of the cell, metres.
     pub(crate) fn least_distance_m(&self, place: &Position<f64>) -> f64 {
         let beyond = |axis: usize| {
             (self.low[axis] - place[axis])
@@ -65,16 +65,16 @@ impl Cell {
     }
 }
 
-/// The moves of one slot, in cells: from row to row `dy`, columns up to `half_width[|dy|]` to
-/// either side.
+/// The moves of one slot, in cells: for a change of row by `dy`, the column changes by up to
+/// `half_width[|dy|]` to either side.
 #[derive(Clone, Debug)]
 pub(crate) struct Moves {
     pub(crate) half_width: Vec<i32>,
 }
 
 impl Moves {
-    /// Every move that some admissible displacement makes: cells whose nearest points are
-    /// within reach.
+    /// Returns every move that some admissible displacement makes: all pairs of cells whose nearest
+    /// points are within reach.
     pub(crate) fn any(reach_m: f64, side_m: f64) -> Self {
         Self::within(reach_m / side_m * (1.0 + 1e-12), |cells| (cells - 1).max(0))
     }
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// Every displacement within reach is a move between the cells of its ends.
+    /// Every admissible displacement is a move between the cells of its two end points.
     #[test]
     fn moves_cover_every_admissible_displacement() {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(4);
@@ -122,7 +122,7 @@ mod tests {
                     "{side_m} {dx} {dy}"
                 );
             }
-            // Not longer than V delta along the axes.
+            // Moves along the axes are not longer than V delta.
             assert!(f64::from(moves.half_width[0]) * side_m <= reach_m * (1.0 + 2e-9));
         }
     }

@@ -1,4 +1,5 @@
-//! One size of cells: their rate bounds, the dual function over them, and what it rules out.
+//! One size of cells: their rate bounds, the dual function over them, and the cells that it
+//! excludes.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use super::{
 pub(crate) struct Level {
     pub(crate) grid: Grid,
     pub(crate) tube: Tube,
-    /// How often the area's first cells were halved.
+    /// How many times the first cells of the area were halved.
     pub(crate) depth: usize,
     moves: Moves,
     quota: f64,
@@ -25,13 +26,13 @@ pub(crate) struct Level {
     rates: Arc<RateRows>,
 }
 
-/// Rate bounds for the cells that live in some slot.
+/// Rate bounds for the cells that are alive in some slot.
 #[derive(Clone, Debug, Default)]
 struct RateRows {
     hull: Window,
-    /// For each cell of the hull, which row it has.
+    /// The index of the row of each cell of the hull.
     row: Vec<u32>,
-    /// Cell by cell, user by user.
+    /// The bounds, cell by cell and user by user.
     rates: Vec<f32>,
     users: usize,
 }
@@ -51,7 +52,8 @@ impl RateRows {
 
 const NO_ROW: u32 = u32::MAX;
 
-/// Whether a cell can hold the waypoint of a slot (from 0): near enough to start and destination.
+/// Returns whether a cell can contain the waypoint of a slot (counted from 0), because it is near
+/// enough to the start and to the destination.
 fn within_reach<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
     cell: &Cell,
@@ -64,7 +66,7 @@ fn within_reach<const M: usize, const J: usize>(
         && cell.least_distance_m(&p.destination) <= reach(slots - slot)
 }
 
-/// The first of the users who make a slot worth most.
+/// Returns the user with the largest rate plus price, and the first of them in a tie.
 fn best_user(rates: &[f32], prices: &[f32]) -> usize {
     let priced = |user: usize| rates[user] + prices[user];
     (1..rates.len()).fold(0, |best, user| {
@@ -77,8 +79,8 @@ fn best_user(rates: &[f32], prices: &[f32]) -> usize {
 }
 
 impl Level {
-    /// All missions, over the cells of a grid. `None` where more than `pairs_max` pairs of slot
-    /// and cell would have to be stored.
+    /// Returns the level of all missions over the cells of a grid, or `None` if more than
+    /// `pairs_max` pairs of slot and cell would have to be stored.
     pub(crate) fn first<const M: usize, const J: usize>(
         mission: &Mission<f64, M, J>,
         bound: &RateBound<'_, M, J>,
@@ -110,7 +112,8 @@ impl Level {
         tube: Tube,
         depth: usize,
     ) -> Self {
-        // No two points of the area are further apart than its diagonal: longer moves lead nowhere.
+        // No two points of the area are further apart than its diagonal, so longer moves leave the
+        // area.
         let area = mission.parameters().area;
         let longest_m = mission.reach_m().min(area.east_m.hypot(area.north_m));
         Self {
@@ -124,7 +127,7 @@ impl Level {
         }
     }
 
-    /// The living cells split in four.
+    /// Returns the level with every live cell split into four.
     pub(crate) fn split<const M: usize, const J: usize>(
         &self,
         mission: &Mission<f64, M, J>,
@@ -139,10 +142,10 @@ impl Level {
         Self::with(mission, bound, grid, tube, self.depth + 1)
     }
 
-    /// The missions whose waypoint of `slot` lies in a cell with its centre on one side of a
-    /// line, and those on the other: `side_of` is positive on one of them. Every cell is on
-    /// exactly one, and the cells cover the area, so no mission is lost.
-    pub(crate) fn parted(
+    /// Divides the missions by the position of their waypoint of `slot`: those whose cell has its
+    /// centre on one side of a line, and those on the other. `side_of` is positive on one side.
+    /// Every cell is on exactly one side, and the cells cover the area, so no mission is lost.
+    pub(crate) fn branched(
         &self,
         slot: usize,
         side_of: impl Fn(&Position<f64>) -> f64 + Sync,
@@ -160,7 +163,7 @@ impl Level {
         })
     }
 
-    /// What a cell is worth at the given prices: the best user's rate bound plus its price.
+    /// Returns the value of every cell at the given prices: the largest rate bound plus price.
     fn worth(&self, prices: &[f32]) -> Worth {
         let value = (0..self.rates.hull.cells()).into_par_iter().map(|index| {
             let Some(rates) = self.rates.of_index(index) else {
@@ -175,8 +178,8 @@ impl Level {
         }
     }
 
-    /// The dual function over the living cells, with a subgradient and a path that attains it
-    /// (centres of cells).
+    /// Returns the dual function over the live cells with a subgradient, and a path that attains
+    /// it, as centres of cells.
     pub(crate) fn dual(&self, multipliers: &[f64]) -> (DualPoint, Vec<Position<f64>>) {
         let prices = single(multipliers);
         let worth = self.worth(&prices);
@@ -200,7 +203,7 @@ impl Level {
         (point, path)
     }
 
-    /// The bound that a forward pass proves.
+    /// Returns the bound that a forward pass proves.
     fn value(&self, forward: &Values, prices: &[f32], worth: &Worth) -> f64 {
         let largest = forward.last().map_or(f32::NEG_INFINITY, |last| {
             last.iter().copied().fold(f32::NEG_INFINITY, f32::max)
@@ -208,13 +211,14 @@ impl Level {
         f64::from(largest) + self.rounding(worth) - self.owed(prices)
     }
 
-    /// `floor(N/M) sum_m lambda_m`.
+    /// Returns `floor(N/M) sum_m lambda_m`.
     fn owed(&self, prices: &[f32]) -> f64 {
         self.quota * prices.iter().map(|&price| f64::from(price)).sum::<f64>()
     }
 
-    /// What single precision may have lost along a path: each slot rounds once in `rate + price`
-    /// and once in the running sum, by at most half a unit in the last place of the largest sum.
+    /// Returns the largest error of single precision along a path: each slot rounds once in
+    /// `rate + price` and once in the running sum, by at most half a unit in the last place of the
+    /// largest sum.
     fn rounding(&self, worth: &Worth) -> f64 {
         let finite = worth.value.iter().filter(|value| value.is_finite());
         let largest = finite.fold(0.0_f32, |largest, value| largest.max(value.abs()));
@@ -222,8 +226,8 @@ impl Level {
         (2.0 * slots + 4.0) * slots * f64::from(largest) * f64::from(f32::EPSILON) / 2.0
     }
 
-    /// Drops every pair of slot and cell through which no mission reaches `lower`, and returns
-    /// a bound on all missions in the tube as it was.
+    /// Drops every pair of slot and cell through which no mission reaches `lower`. Returns a bound
+    /// on all missions in the tube before cells were dropped.
     pub(crate) fn prune(&mut self, multipliers: &[f64], lower: f64) -> f64 {
         let prices = single(multipliers);
         let worth = self.worth(&prices);
@@ -233,19 +237,20 @@ impl Level {
         );
         let value = self.value(&forward, &prices, &worth);
         let least = lower - self.rounding(&worth) + self.owed(&prices);
-        // Rounded down: what is dropped is certainly worse.
+        // Rounding down guarantees that everything dropped is worse than `lower`.
         self.tube
             .prune(&worth, &forward, &backward, -round_up(-least));
         value
     }
 }
 
-/// The prices that the dynamic programme uses, and that the bound is then proved at.
+/// Returns the prices in single precision: those that the dynamic programme uses and that the bound
+/// is then proved at.
 fn single(multipliers: &[f64]) -> Vec<f32> {
     multipliers.iter().map(|&price| price as f32).collect()
 }
 
-/// The cells that the waypoint of a slot (from 0) can lie in, as a window.
+/// Returns the window of cells that can contain the waypoint of a slot (counted from 0).
 fn window_of_slot<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
     grid: &Grid,
@@ -257,7 +262,7 @@ fn window_of_slot<const M: usize, const J: usize>(
     let range = |axis: usize, count: i32| {
         let low_m = (p.start[axis] - from_start_m).max(p.destination[axis] - from_destination_m);
         let high_m = (p.start[axis] + from_start_m).min(p.destination[axis] + from_destination_m);
-        // A cell more on either side covers rounding.
+        // One more cell on either side covers rounding.
         let low = (low_m / grid.side_m).floor().max(1.0) as i32 - 1;
         let high = ((high_m / grid.side_m).floor().max(0.0) as i32)
             .saturating_add(2)
@@ -274,7 +279,7 @@ fn window_of_slot<const M: usize, const J: usize>(
     }
 }
 
-/// Bounds the rates in every cell that lives in some slot.
+/// Computes rate bounds for every cell that is alive in some slot.
 fn bounded_rates<const M: usize, const J: usize>(
     bound: &RateBound<'_, M, J>,
     grid: &Grid,
@@ -298,8 +303,8 @@ fn bounded_rates<const M: usize, const J: usize>(
     let mut rates = vec![0.0; cells.len() * users];
     rates.par_chunks_mut(users).zip(&cells).for_each_init(
         Workspace::default,
-        |room, (rates, &(column, row))| {
-            bound.over(&grid.cell(column, row), room, rates);
+        |workspace, (rates, &(column, row))| {
+            bound.over(&grid.cell(column, row), workspace, rates);
         },
     );
     RateRows {
@@ -322,7 +327,7 @@ mod tests {
         Level::first(mission, &RateBound::new(mission), grid, usize::MAX).expect("a level")
     }
 
-    /// Moves that leave the area from wherever they begin are none: they only cost time and memory.
+    /// Moves that leave the area from every cell are omitted: they would only cost time and memory.
     #[test]
     fn moves_are_no_longer_than_the_area() {
         let shipped = Scenario::shipped("separated").expect("a shipped scenario");

@@ -1,16 +1,16 @@
-//! A certified upper bound on the total rate of any admissible mission, over continuous
-//! positions, and a feasible mission close to it (`docs/bound.md` has the proof).
+//! A certified upper bound on the total rate of any admissible mission, over continuous positions,
+//! and a feasible mission close to it (`docs/bound.md` has the proof).
 //!
-//! * The area is cut into square cells; [`rates`] bounds what any point of a cell can give.
-//! * [`tube`] holds the cells that each slot may be in and finds the best chain of cells by
+//! * The area is divided into square cells. [`rates`] bounds the rates at any point of a cell.
+//! * [`tube`] contains the cells that each slot may end in and finds the best chain of cells by
 //!   dynamic programming, with every move that some admissible displacement makes.
-//! * Fairness (eq:a3) is priced; [`multipliers`] finds the prices of the least bound.
-//! * What a chain through a cell is worth at most, against the best known mission, drops most
-//!   cells; the rest are [split](level), and the missions [parted](tree), until bound and
-//!   mission are close.
+//! * Fairness (eq:a3) enters as prices. [`multipliers`] finds the prices that give the least bound.
+//! * Cells are dropped if the best chain through them is worth less than the best known mission.
+//!   The remaining cells are [split](level) and the set of missions is [branched](tree), until
+//!   bound and mission are close.
 //!
-//! The mission comes from [`crate::search`], started from the chains. Everything is
-//! deterministic, on any number of threads: the work is bounded by counts, not by a clock.
+//! The mission is found by [`crate::search`], which starts from the chains. The result is
+//! deterministic for any number of threads, because work is bounded by counts and not by a clock.
 
 mod grid;
 mod level;
@@ -31,19 +31,20 @@ use multipliers::Descent;
 use rates::{RATE_ROUNDING, RateBound};
 use tree::Leaf;
 
-/// How far to go.
+/// When a certification stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Done when the gap is at most this, relative to the upper bound.
+    /// The gap at which it stops, relative to the upper bound.
     pub gap: f64,
-    /// Cells are split no further than to this side, metres.
+    /// The smallest side to which cells are split, metres.
     pub finest_cell_m: f64,
-    /// The most parts that the missions are divided into.
+    /// The largest number of leaves that the missions are divided into.
     pub leaves_max: usize,
-    /// The most pairs of slot and cell that one leaf may store: bounds memory (about 10 bytes
-    /// each while it is worked on, 1 while it waits).
+    /// The largest number of pairs of slot and cell that one leaf may store. It bounds the memory:
+    /// about 10 bytes per pair while the leaf is processed, and 1 byte while it waits.
     pub pairs_max: usize,
-    /// The most pairs of slot and cell that are looked at after parting: bounds time.
+    /// The largest number of pairs of slot and cell that are examined after branching. It bounds
+    /// the time.
     pub work_max: usize,
 }
 
@@ -59,100 +60,102 @@ impl Default for Settings {
     }
 }
 
-/// Where the work is.
+/// The progress of a certification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
-    /// Side of the cells at hand, metres.
+    /// The side of the present cells, metres.
     pub cell_m: f64,
-    /// Parts that the missions are divided into.
+    /// The number of leaves that the missions are divided into.
     pub leaves: usize,
     /// The best upper bound so far, bit/s/Hz.
     pub upper: f64,
-    /// The best mission so far, bit/s/Hz.
+    /// The value of the best mission so far, bit/s/Hz.
     pub lower: f64,
 }
 
-/// The certificate.
+/// The result of a certification.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bound {
-    /// No admissible mission has a larger sum of rates, bit/s/Hz.
+    /// The upper bound: no admissible mission has a larger sum of rates, bit/s/Hz.
     pub upper: f64,
     /// The sum of rates of `plan`, bit/s/Hz.
     pub lower: f64,
-    /// `(upper - lower) / upper`; 0 where only rounding lies between them.
+    /// `(upper - lower) / upper`, or 0 if the two differ only by rounding.
     pub gap: f64,
-    /// Side of the smallest cells, metres.
+    /// The side of the smallest cells, metres.
     pub cell_m: f64,
-    /// Parts that the missions were divided into.
+    /// The number of leaves that the missions were divided into.
     pub leaves: usize,
-    /// The prices of fairness `lambda_m` over all missions, bit/s/Hz.
+    /// The fairness prices `lambda_m` over all missions, bit/s/Hz.
     pub multipliers: Vec<f64>,
-    /// What it took, seconds.
+    /// The time that the certification took, seconds.
     pub seconds: f64,
     /// An admissible mission that reaches `lower`.
     pub plan: Plan,
 }
 
 impl Bound {
-    /// Whether no mission carries anything, because no place that one can reach meets `Gamma`.
+    /// Returns whether no mission transmits any data, because no position within reach meets
+    /// `Gamma`.
     pub fn carries_nothing(&self) -> bool {
         self.lower == 0.0 && self.gap == 0.0
     }
 }
 
-/// Why a mission is not bounded.
+/// Error returned when a mission cannot be bounded.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum BoundError {
-    /// Too many slots, or too large an area for the speed.
+    /// The mission has too many slots, or its area is too large for its speed.
     #[error(
         "the mission has more than {pairs_max} pairs of slot and cell already at cells of \
          {cell_m} m: fewer slots, a smaller area or a higher speed would do"
     )]
     TooLarge {
-        /// What is allowed.
+        /// The largest number of pairs that is allowed.
         pairs_max: usize,
-        /// Side of the largest cells, metres.
+        /// The side of the largest cells, metres.
         cell_m: f64,
     },
-    /// More slots than the assignment of users to them can be optimal for.
+    /// The mission has more slots than the optimal assignment of users to slots supports.
     #[error(
         "the mission has {slots} slots, but at most {max} are bounded: the assignment of users is cubic in them"
     )]
     TooManySlots {
-        /// `N`.
+        /// The number of slots, `N`.
         slots: u32,
-        /// What is allowed.
+        /// The largest number that is allowed.
         max: u32,
     },
-    /// The straight line at full speed is all that there is.
+    /// The destination can only be reached on the straight line at full speed, so there is nothing
+    /// to plan.
     #[error(
         "the destination is {distance_m} m from the start and {reach_m} m can be flown: no room \
          is left to search in"
     )]
     NoRoom {
-        /// From start to destination, metres.
+        /// The distance from start to destination, metres.
         distance_m: f64,
-        /// `(N + 1) V_max delta`, metres.
+        /// The largest distance that can be flown, `(N + 1) V_max delta`, metres.
         reach_m: f64,
     },
 }
 
-/// Slots above which the assignment, cubic in them, would take minutes.
+/// The number of slots above which the assignment, which is cubic in it, would take minutes.
 const SLOTS_MAX: u32 = 1000;
-/// Depth at which the missions are parted: cells of a quarter of `V_max delta`.
-const PARTING_DEPTH: usize = 1;
-/// What cells of that size cost, relative, in the shipped missions: a leaf that is nearer to the
-/// best mission is better split than parted.
+/// The depth at which the set of missions is branched: cells of a quarter of `V_max delta`.
+const BRANCHING_DEPTH: usize = 1;
+/// The relative error that cells of that size cause in the shipped missions. If the bound of a leaf
+/// is closer than this to the best mission, splitting its cells is more useful than branching.
 const CELL_COST: f64 = 0.006;
-/// Spacing down to which a path is tried out, as a fraction of `V_max delta`.
+/// The spacing down to which a path is refined as a trial, as a fraction of `V_max delta`.
 const TRIAL_SPACING: f64 = 0.125;
-/// Spacing down to which the best mission is polished, metres.
+/// The spacing down to which the best mission is refined, metres.
 const FINAL_SPACING_M: f64 = 0.01;
 
 /// Bounds a mission. Calls `progress` after every step.
 ///
 /// # Errors
-/// A mission that is too large, or that leaves no room.
+/// Returns an error if the mission is too large or if only one path can be flown.
 pub fn certify<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
     settings: &Settings,
@@ -181,11 +184,11 @@ pub fn certify<const M: usize, const J: usize>(
     })
 }
 
-/// The mission of [`certify`] at the default settings, without closing the bound. Calls
-/// `progress` after every step.
+/// Returns the mission that [`certify`] finds at the default settings, without closing the bound.
+/// Calls `progress` after every step.
 ///
 /// # Errors
-/// As [`certify`].
+/// Returns the errors of [`certify`].
 pub fn search<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
     progress: impl FnMut(&Progress),
@@ -197,11 +200,12 @@ pub fn search<const M: usize, const J: usize>(
     certify(mission, &settings, progress).map(|bound| bound.plan)
 }
 
-/// The prices of fairness of a mission, bit/s/Hz per user: those at which [`certify`] starts, of
-/// the least bound at cells of a quarter of `V_max delta`. A few seconds of one processor.
+/// Returns the fairness prices of a mission, bit/s/Hz per user: those that [`certify`] starts with,
+/// which give the least bound at cells of a quarter of `V_max delta`. Takes a few seconds of one
+/// processor.
 ///
 /// # Errors
-/// A mission that is too large.
+/// Returns an error if the mission is too large.
 pub fn fairness_prices<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
 ) -> Result<Vec<f64>, BoundError> {
@@ -256,7 +260,8 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         self.best.as_ref().map_or(0.0, |plan| plan.sum_rate)
     }
 
-    /// No mission is better than the best known or the best bound of a leaf.
+    /// Returns the upper bound of all missions: the larger of the best known mission and the
+    /// largest bound of a leaf.
     fn upper(&self) -> f64 {
         let leaves = self.leaves.iter().map(|leaf| leaf.value);
         leaves.fold(self.lower(), f64::max)
@@ -276,8 +281,8 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         self.gap() == 0.0 || self.upper() - self.lower() <= self.settings.gap * self.upper()
     }
 
-    /// Relative to the upper bound; 0 where no more than rounding lies between the bounds, as
-    /// where nothing is carried at all.
+    /// Returns the gap relative to the upper bound. It is 0 if the bounds differ by no more than
+    /// rounding, which includes missions that transmit nothing.
     fn gap(&self) -> f64 {
         let (lower, upper) = (self.lower(), self.upper());
         let rounding = f64::from(self.mission.slots()) * 2.0 * RATE_ROUNDING;
@@ -287,7 +292,7 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         (upper - lower) / upper
     }
 
-    /// Prices may be negative where every mission meets each quota exactly.
+    /// Prices may be negative if every mission meets each quota exactly.
     fn descent(&self, iterations: usize, ambition: f64, least_ambition: f64) -> Descent {
         Descent {
             iterations,
@@ -297,12 +302,12 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         }
     }
 
-    /// One leaf with all missions, at the depth where they are parted.
+    /// Returns one leaf with all missions, at the depth where branching starts.
     fn whole(&self) -> Result<Leaf, BoundError> {
         let p = self.mission.parameters();
         let extent_m = p.area.east_m.max(p.area.north_m);
-        // A side a hair above V delta over a power of two: then moves along the axes are not
-        // longer than V delta (docs/bound.md).
+        // The side is slightly larger than V delta over a power of two, so that moves along the
+        // axes are not longer than V delta (docs/bound.md).
         let side_m = self.mission.reach_m().min(extent_m) / 2.0 / (1.0 - 1e-9);
         let pairs_max = self.settings.pairs_max;
         let too_large = |cell_m: f64| BoundError::TooLarge { pairs_max, cell_m };
@@ -320,8 +325,9 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
             .ok_or_else(|| too_large(side_m))?;
         let free = vec![0.0; self.mission.user_count()];
         let mut leaf = Leaf::solve(level, free, &self.descent(150, 0.05, 1e-4), self.lower());
-        while leaf.level.depth < PARTING_DEPTH {
-            // What is stored is what was not dropped: more than the limit may fit once split.
+        while leaf.level.depth < BRANCHING_DEPTH {
+            // Only cells that were not dropped are stored, so more than the limit may fit after
+            // splitting.
             if 4 * leaf.level.tube.stored() > pairs_max {
                 return Err(too_large(leaf.level.grid.side_m / 2.0));
             }
@@ -344,7 +350,7 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         Ok(())
     }
 
-    /// Missions from a leaf's paths.
+    /// Searches for missions, starting from the paths of a leaf.
     fn try_paths(&mut self, leaf: &Leaf, most: usize) {
         let mut tried: Vec<f64> = Vec::new();
         for path in leaf.paths.iter().take(most) {
@@ -375,7 +381,7 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         }
     }
 
-    /// The leaf with the largest value among those that may be chosen, taken out.
+    /// Removes and returns the leaf with the largest bound among those that the predicate accepts.
     fn worst_leaf(&mut self, may_be: impl Fn(&Leaf) -> bool) -> Option<Leaf> {
         let leaves = self
             .leaves
@@ -392,7 +398,8 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         worst.map(|(index, _)| self.leaves.swap_remove(index))
     }
 
-    /// Parts leaves, the worst first, and looks for missions in the parts.
+    /// Branches leaves, those with the largest bound first, and searches for missions in the
+    /// results.
     fn part(&mut self) {
         let descent = self.descent(25, 0.01, 5e-4);
         while self.leaves.len() < self.settings.leaves_max && self.gap() > 0.0 {
@@ -403,8 +410,9 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
                 self.leaves.push(leaf);
                 break;
             }
-            let Some([a, b]) = leaf.parted() else {
-                // Its paths agree: cells, not mixtures, are what keeps it up.
+            let Some([a, b]) = leaf.branched() else {
+                // The paths of the leaf agree, so the size of the cells limits its bound, not a
+                // mixture of missions.
                 self.leaves.push(Leaf {
                     agreed: true,
                     ..leaf
@@ -415,7 +423,7 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
             let solve = |level| Leaf::solve(level, leaf.multipliers.clone(), &descent, lower);
             let (a, b) = rayon::join(|| solve(a), || solve(b));
             for part in [a, b] {
-                // A part's bound cannot be worse than the whole's.
+                // The bound of a part cannot exceed that of the whole leaf.
                 let part = Leaf {
                     value: part.value.min(leaf.value),
                     ..part
@@ -429,7 +437,7 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         }
     }
 
-    /// The best mission, down to the last centimetre.
+    /// Refines the best mission down to [`FINAL_SPACING_M`].
     fn polish(&mut self) {
         if let Some(plan) = self.best.clone() {
             let plan = rearrange(&self.rules, plan);
@@ -437,7 +445,8 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
         }
     }
 
-    /// Splits the cells of leaves, the worst first. Returns the side of the smallest cells.
+    /// Splits the cells of leaves, those with the largest bound first. Returns the side of the
+    /// smallest cells.
     fn split(&mut self) -> f64 {
         let mut work = 0;
         let sides = self.leaves.iter().map(|leaf| leaf.level.grid.side_m);
@@ -452,7 +461,8 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
                 && pairs <= self.settings.pairs_max
                 && work + pairs <= self.settings.work_max;
             if !affordable {
-                // What the worst leaf cannot gain, no other can.
+                // If the leaf with the largest bound cannot be split, splitting others does not
+                // lower the bound.
                 self.leaves.push(leaf);
                 break;
             }

@@ -1,35 +1,36 @@
-//! The prices of fairness: minimising the dual function over the multipliers.
+//! The fairness prices: minimizes the dual function over the multipliers.
 //!
 //! The dual function is convex and piecewise linear. Its subgradient at a best path is, for each
-//! user, the slots that the path gives it less its quota. Steps follow Polyak's rule towards a
-//! target a little below the best value so far, along deflected subgradients (Camerini, Fratta
-//! and Maffioli), which do not zigzag across the function's creases; the distance to the target
-//! shrinks whenever nothing is gained.
+//! user, the number of slots that the path assigns to the user minus the user's quota. Steps follow
+//! Polyak's rule towards a target slightly below the best value so far, along deflected
+//! subgradients (Camerini, Fratta and Maffioli), which do not zigzag across the function's creases.
+//! The distance to the target shrinks whenever the value does not improve.
 
-/// A value of the dual function and a subgradient there.
+/// A value of the dual function and a subgradient at the same point.
 #[derive(Clone, Debug)]
 pub(crate) struct DualPoint {
     pub(crate) value: f64,
     pub(crate) subgradient: Vec<f64>,
 }
 
-/// How far a descent goes.
+/// The stopping criteria of a descent.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Descent {
     pub(crate) iterations: usize,
-    /// First distance to the target, relative to the value.
+    /// The first distance to the target, relative to the value.
     pub(crate) ambition: f64,
-    /// Below this ambition the descent ends.
+    /// The descent ends when the relative distance falls below this value.
     pub(crate) least_ambition: f64,
-    /// Whether multipliers may be negative: when every mission meets each quota exactly.
+    /// Whether multipliers may be negative: true if every mission meets each quota exactly.
     pub(crate) free_sign: bool,
 }
 
-/// Iterations without progress after which the ambition is halved.
+/// The number of iterations without progress after which the distance is halved.
 const PATIENCE: usize = 4;
 
 impl Descent {
-    /// Improves `multipliers`; returns the best value seen, and leaves the multipliers there.
+    /// Improves `multipliers`. Returns the best value found, with `multipliers` set to where it was
+    /// found.
     pub(crate) fn run(
         &self,
         multipliers: &mut Vec<f64>,
@@ -99,7 +100,8 @@ impl Descent {
             }
         }
         if self.free_sign {
-            // A common shift changes nothing; none keeps the numbers small.
+            // A common shift does not change the value. Subtracting the mean keeps the numbers
+            // small.
             let mean = here.iter().sum::<f64>() / here.len() as f64;
             here.iter_mut().for_each(|multiplier| *multiplier -= mean);
         }
@@ -110,7 +112,7 @@ impl Descent {
 mod tests {
     use super::*;
 
-    /// max over a few planes in two dimensions, with its least value at the origin.
+    /// The maximum of a few planes in two dimensions, with its minimum at the origin.
     #[test]
     fn finds_the_bottom_of_a_crease() {
         let planes = [[1.0, 0.2], [-1.0, 0.1], [0.1, 1.0], [0.0, -1.0]];

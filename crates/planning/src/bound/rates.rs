@@ -1,4 +1,4 @@
-//! The highest rate that any point of a cell can give to each user.
+//! Upper bounds on the rate of each user at any point of a cell.
 
 use firmware_core::{
     Mission, Position, PowerGain,
@@ -8,11 +8,11 @@ use firmware_core::{
 use super::grid::Cell;
 use scenario::with_field;
 
-/// Steps of the gain table over the area's diagonal.
+/// The number of steps of the gain table over the area's diagonal.
 const TABLE_STEPS: usize = 1 << 17;
 
-/// Power gain over horizontal distance, rounded so that it never understates: an entry holds
-/// for every distance from its own on, since gains fall with distance.
+/// A table of the power gain over the horizontal distance, rounded so that it never understates the
+/// gain. An entry is valid for all distances from its own on, because gains decrease with distance.
 #[derive(Clone, Debug)]
 struct GainTable {
     steps_per_m: f64,
@@ -34,9 +34,9 @@ impl GainTable {
         }
     }
 
-    /// No less than the gain at any distance of at least `distance_m`.
+    /// Returns an upper bound on the gain at any distance of at least `distance_m`.
     fn at_least(&self, distance_m: f64) -> PowerGain<f64> {
-        // A hair less, so that rounding never skips to the next entry.
+        // The small margin ensures that rounding never selects the next entry.
         let step = (distance_m * self.steps_per_m - 1e-6).max(0.0) as usize;
         PowerGain(self.gain[step.min(self.gain.len() - 1)])
     }
@@ -59,16 +59,16 @@ impl<'m, const M: usize, const J: usize> RateBound<'m, M, J> {
         }
     }
 
-    /// Writes, for every user, a rate that no point of the cell exceeds: that of a slot in which
-    /// everybody is as near as the cell's nearest point to them.
-    pub(crate) fn over(&self, cell: &Cell, room: &mut Workspace<f64, J>, rates: &mut [f32]) {
-        self.with_distances(|place| cell.least_distance_m(place), room, rates);
+    /// Writes, for every user, an upper bound on the rate at any point of the cell: the rate of a
+    /// slot in which every node is as near as the nearest point of the cell.
+    pub(crate) fn over(&self, cell: &Cell, workspace: &mut Workspace<f64, J>, rates: &mut [f32]) {
+        self.with_distances(|place| cell.least_distance_m(place), workspace, rates);
     }
 
     fn with_distances(
         &self,
         distance_m: impl Fn(&Position<f64>) -> f64,
-        room: &mut Workspace<f64, J>,
+        workspace: &mut Workspace<f64, J>,
         rates: &mut [f32],
     ) {
         let p = self.mission.parameters();
@@ -76,20 +76,26 @@ impl<'m, const M: usize, const J: usize> RateBound<'m, M, J> {
         for (gain, sensor) in gains.iter_mut().zip(&p.sensors) {
             *gain = self.table.at_least(distance_m(sensor));
         }
-        with_field(room, &self.limits, &gains[..p.sensors.len()], |field| {
-            for (rate, user) in rates.iter_mut().zip(&p.users) {
-                let gain = self.table.at_least(distance_m(user));
-                let bound = field.map_or(0.0, |field| field.rate(gain));
-                *rate = round_up(bound + RATE_ROUNDING);
-            }
-        });
+        with_field(
+            workspace,
+            &self.limits,
+            &gains[..p.sensors.len()],
+            |field| {
+                for (rate, user) in rates.iter_mut().zip(&p.users) {
+                    let gain = self.table.at_least(distance_m(user));
+                    let bound = field.map_or(0.0, |field| field.rate(gain));
+                    *rate = round_up(bound + RATE_ROUNDING);
+                }
+            },
+        );
     }
 }
 
-/// What the slot solution may be off by in double precision, bit/s/Hz, with a large margin.
+/// A bound on the rounding error of the slot solution in double precision, bit/s/Hz, with a large
+/// margin.
 pub(crate) const RATE_ROUNDING: f64 = 1e-9;
 
-/// The least `f32` that is no less.
+/// Returns the smallest `f32` that is not less than `value`.
 pub(crate) fn round_up(value: f64) -> f32 {
     let nearest = value as f32;
     if f64::from(nearest) < value {
@@ -107,7 +113,8 @@ mod tests {
     use crate::bound::grid::Grid;
     use rand::{RngExt, SeedableRng};
 
-    /// No point of a cell beats the cell's bound, and the bound closes in on it as cells shrink.
+    /// No point of a cell exceeds the cell's bound, and the bound approaches the rate as cells
+    /// shrink.
     #[test]
     fn no_point_of_a_cell_exceeds_its_bound() {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(9);
@@ -117,7 +124,7 @@ mod tests {
             let users = mission.user_count();
             let bound = RateBound::new(&mission);
             let mut exact = PlaceRates::new(&mission);
-            let mut room = Workspace::default();
+            let mut workspace = Workspace::default();
             for side_m in [15.0, 2.0, 0.1] {
                 let grid = Grid::new(mission.parameters().area, side_m);
                 let mut widest = 0.0_f64;
@@ -125,7 +132,7 @@ mod tests {
                     let column = rng.random_range(0..grid.columns);
                     let cell = grid.cell(column, rng.random_range(0..grid.rows));
                     let mut bounds = vec![0.0; users];
-                    bound.over(&cell, &mut room, &mut bounds);
+                    bound.over(&cell, &mut workspace, &mut bounds);
                     for (east, north) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 0), (1, 2)] {
                         let mut along = |axis: usize, step: usize| {
                             let share = [0.0, 1.0, rng.random_range(0.0..1.0)][step];

@@ -1,41 +1,42 @@
-//! Branch and bound: the missions are parted into leaves, each with its own prices and cells.
+//! Branch and bound: the set of missions is divided into leaves, each with its own prices and
+//! cells.
 //!
-//! Where best paths at the best prices disagree about where the vehicle is in some slot, prices
-//! alone cannot tell them apart: the bound is that of a mixture of missions. Parting the leaf
-//! there makes the mixture inadmissible in both parts. Parting tightens the bound and, above
-//! all, leads the search to missions that single prices do not find.
+//! If the best paths at the best prices disagree about the position of the vehicle in some slot,
+//! prices alone cannot distinguish them: the bound is that of a mixture of missions. Branching on
+//! that slot makes the mixture inadmissible in both leaves. Branching tightens the bound and, more
+//! importantly, leads the search to missions that a single vector of prices does not find.
 
 use firmware_core::{Mission, Position};
 
 use super::{level::Level, multipliers::Descent, rates::RateBound};
 
-/// Some of the missions, and what is known about them.
+/// A subset of the missions, and what is known about it.
 #[derive(Clone, Debug)]
 pub(crate) struct Leaf {
     pub(crate) level: Level,
     pub(crate) multipliers: Vec<f64>,
-    /// No mission of the leaf is worth more, bit/s/Hz.
+    /// An upper bound on every mission of the leaf, bit/s/Hz.
     pub(crate) value: f64,
-    /// Best paths at prices near the best, the nearest first.
+    /// The best paths at prices near the best prices, those with the smallest dual value first.
     pub(crate) paths: Vec<Vec<Position<f64>>>,
-    /// Whether the paths were found to agree: there is nothing to part.
+    /// Whether the paths were found to agree, so that the leaf cannot be branched.
     pub(crate) agreed: bool,
 }
 
-/// Paths that are remembered per leaf.
+/// The number of paths that are stored per leaf.
 const PATHS_KEPT: usize = 16;
 
-/// A line across the map, for one slot.
+/// A line across the map that divides the waypoints of one slot.
 #[derive(Clone, Copy, Debug)]
-struct Parting {
+struct Branching {
     slot: usize,
     normal: nalgebra::Vector2<f64>,
     offset_m: f64,
 }
 
 impl Leaf {
-    /// Finds prices for a level's missions, starting from `multipliers`, and drops the cells
-    /// from which `lower` cannot be reached.
+    /// Finds prices for a level's missions, starting from `multipliers`, and drops the cells from
+    /// which `lower` cannot be reached.
     pub(crate) fn solve(
         mut level: Level,
         mut multipliers: Vec<f64>,
@@ -62,16 +63,16 @@ impl Leaf {
         }
     }
 
-    /// The leaf's missions in two parts, where its paths disagree most; `None` where they agree
-    /// to within a cell.
-    pub(crate) fn parted(&self) -> Option<[Level; 2]> {
-        let parting = self.widest_disagreement()?;
-        Some(self.level.parted(parting.slot, |place| {
-            parting.normal.dot(&place.coords) - parting.offset_m
+    /// Branches the leaf into two levels where its paths disagree most, or returns `None` if they
+    /// agree to within a cell.
+    pub(crate) fn branched(&self) -> Option<[Level; 2]> {
+        let branching = self.widest_disagreement()?;
+        Some(self.level.branched(branching.slot, |place| {
+            branching.normal.dot(&place.coords) - branching.offset_m
         }))
     }
 
-    fn widest_disagreement(&self) -> Option<Parting> {
+    fn widest_disagreement(&self) -> Option<Branching> {
         let diagonal = std::f64::consts::FRAC_1_SQRT_2;
         let normals = [
             (1.0, 0.0),
@@ -91,7 +92,7 @@ impl Leaf {
                 if variance > widest.0 {
                     widest = (
                         variance,
-                        Some(Parting {
+                        Some(Branching {
                             slot,
                             normal,
                             offset_m: mean,
@@ -103,7 +104,7 @@ impl Leaf {
         widest.1
     }
 
-    /// The leaf's missions over cells of half the side.
+    /// Returns the leaf's missions over cells of half the side.
     pub(crate) fn split<const M: usize, const J: usize>(
         &self,
         mission: &Mission<f64, M, J>,

@@ -1,10 +1,10 @@
-//! Which cells each slot may still be in, and the dynamic programme over them.
+//! The cells that each slot may still end in, and the dynamic programme over them.
 //!
-//! A [`Tube`] holds one [`Layer`] per slot: a window of cells, each alive or dropped. A *pass*
-//! in either direction gives every living cell the value of the best chain up to it, its own
-//! worth included. The best value within reach is a maximum over a disc of cells, taken row by
-//! row: the maximum over a run of any length is that over two overlapping runs whose length is a
-//! power of two, so a pass costs cells times rows of the disc.
+//! A [`Tube`] holds one [`Layer`] per slot: a window of cells, each of which is alive or dropped. A
+//! *pass* in either direction computes, for every live cell, the value of the best chain up to and
+//! including that cell. The best value within reach is a maximum over a disc of cells, computed row
+//! by row: the maximum over a run of any length is that of two overlapping runs whose length is a
+//! power of two. A pass therefore costs the number of cells times the number of rows of the disc.
 
 use rayon::prelude::*;
 
@@ -26,7 +26,7 @@ impl Window {
         inside.then(|| y as usize * self.width + x as usize)
     }
 
-    /// The smallest window that holds all of these; empty ones do not count.
+    /// Returns the smallest window that contains all of these. Empty windows do not count.
     pub(crate) fn hull(windows: impl Iterator<Item = Window>) -> Self {
         let (mut low, mut high) = ((i32::MAX, i32::MAX), (i32::MIN, i32::MIN));
         for window in windows.filter(|window| window.cells() > 0) {
@@ -47,7 +47,7 @@ impl Window {
         }
     }
 
-    /// The window's columns at most `half` from `column`.
+    /// Returns the window's columns that are at most `half` away from `column`.
     fn columns_within(&self, column: i32, half: i32) -> std::ops::Range<i32> {
         let end = self.column + self.width as i32;
         (column - half).max(self.column)..(column + half + 1).min(end)
@@ -57,7 +57,7 @@ impl Window {
         self.width * self.height
     }
 
-    /// Column and row of an index.
+    /// Returns the column and row of an index.
     pub(crate) fn place(&self, index: usize) -> (i32, i32) {
         (
             self.column + (index % self.width) as i32,
@@ -74,7 +74,8 @@ pub(crate) struct Layer {
 }
 
 impl Layer {
-    /// The cells of a window for which `keep` holds, in the smallest window that has them all.
+    /// Returns the cells of a window for which `keep` is true, in the smallest window that contains
+    /// them.
     pub(crate) fn new(window: Window, keep: impl Fn(i32, i32) -> bool + Sync) -> Self {
         let alive = (0..window.cells())
             .into_par_iter()
@@ -121,24 +122,24 @@ impl Layer {
     }
 }
 
-/// The living cells of every slot, `layers[n - 1]` for slot `n`.
+/// The live cells of every slot: `layers[n - 1]` for slot `n`.
 #[derive(Clone, Debug)]
 pub(crate) struct Tube {
     pub(crate) layers: Vec<Layer>,
 }
 
-/// The best value up to each cell, slot by slot; minus infinity where dropped.
+/// The best value up to each cell, slot by slot, or minus infinity if the cell was dropped.
 pub(crate) type Values = Vec<Vec<f32>>;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Direction {
-    /// From the first slot on: what has been earned.
+    /// From the first slot onwards: the value earned so far.
     Forward,
-    /// From the last slot back: what can still be earned.
+    /// From the last slot backwards: the value that can still be earned.
     Backward,
 }
 
-/// What a slot is worth in a cell: looked up for whole rows.
+/// The value of a slot in each cell, stored so that whole rows can be looked up.
 #[derive(Clone, Debug)]
 pub(crate) struct Worth {
     pub(crate) window: Window,
@@ -146,22 +147,22 @@ pub(crate) struct Worth {
 }
 
 impl Tube {
-    /// The window that holds every layer.
+    /// Returns the window that contains every layer.
     pub(crate) fn hull(&self) -> Window {
         Window::hull(self.layers.iter().map(|layer| layer.window))
     }
 
-    /// Pairs of slot and cell that are stored, living or not.
+    /// Returns the number of pairs of slot and cell that are stored, live or dropped.
     pub(crate) fn stored(&self) -> usize {
         self.layers.iter().map(|layer| layer.window.cells()).sum()
     }
 
-    /// The best value from the first slot up to each cell, inclusive.
+    /// Returns the best value from the first slot up to and including each cell.
     pub(crate) fn forward(&self, worth: &Worth, moves: &Moves) -> Values {
         self.pass(worth, moves, Direction::Forward)
     }
 
-    /// The best value from each cell, inclusive, to the last slot.
+    /// Returns the best value from each cell, inclusive, to the last slot.
     pub(crate) fn backward(&self, worth: &Worth, moves: &Moves) -> Values {
         self.pass(worth, moves, Direction::Backward)
     }
@@ -188,8 +189,8 @@ impl Tube {
         values
     }
 
-    /// A best chain: the living cell of each slot on it. `forward` must come from this tube and
-    /// these moves.
+    /// Returns a best chain: its live cell in each slot. `forward` must have been computed from
+    /// this tube and these moves.
     pub(crate) fn best_chain(&self, forward: &Values, moves: &Moves) -> Option<Vec<(i32, i32)>> {
         let slots = self.layers.len();
         let mut chain = Vec::with_capacity(slots);
@@ -204,7 +205,8 @@ impl Tube {
                 break;
             }
             let (before, values) = (&self.layers[slot - 1].window, &forward[slot - 1]);
-            // Rows and columns of the window alone: a disc of moves may be much larger.
+            // Only rows and columns of the window are searched, because a disc of moves may be much
+            // larger.
             let rows = (before.row..).take(before.height);
             let reachable = rows.flat_map(|from_row| {
                 let half = moves
@@ -219,8 +221,8 @@ impl Tube {
         Some(chain)
     }
 
-    /// Splits every living cell in four; `inside(slot, column, row)` says which children are
-    /// kept.
+    /// Splits every live cell into four and keeps the children for which
+    /// `inside(slot, column, row)` is true.
     pub(crate) fn split(&self, inside: impl Fn(usize, i32, i32) -> bool + Sync) -> Self {
         let layers = self.layers.par_iter().enumerate();
         let split = layers.map(|(slot, layer)| {
@@ -289,14 +291,15 @@ impl Worth {
     }
 }
 
-/// The first of the largest values, with its index.
+/// Returns the largest value with its index, and the first of them in a tie.
 fn first_largest(values: impl Iterator<Item = (usize, f32)>) -> (f32, usize) {
     values.fold((f32::NEG_INFINITY, 0), |best, (index, value)| {
         if value > best.0 { (value, index) } else { best }
     })
 }
 
-/// For every cell of `to`, the largest value among the cells of `from` that a move joins to it.
+/// Returns, for every cell of `to`, the largest value among the cells of `from` that a move
+/// connects to it.
 fn disc_maximum(from: &Window, values: &[f32], to: &Window, moves: &Moves) -> Vec<f32> {
     let mut result = vec![f32::NEG_INFINITY; to.cells()];
     if from.width == 0 || to.width == 0 {
@@ -319,16 +322,16 @@ fn disc_maximum(from: &Window, values: &[f32], to: &Window, moves: &Moves) -> Ve
     result
 }
 
-/// Maxima over runs of cells along a row whose lengths are powers of two.
+/// Maxima over runs of cells in a row whose lengths are powers of two.
 struct RunMaxima {
     row: i32,
     rows: usize,
-    /// Columns before the target's first, so that every run starts inside.
+    /// The number of columns before the first one of the target, so that every run starts inside.
     margin: usize,
-    /// Columns per row.
+    /// The number of columns per row.
     width: usize,
     powers: usize,
-    /// Row by row, power by power: the maximum of the run that starts at a column.
+    /// For each row and power of two, the maximum of the run that starts at a column.
     maxima: Vec<f32>,
 }
 
@@ -342,7 +345,7 @@ impl RunMaxima {
             .par_chunks_mut(powers * width)
             .zip(values.par_chunks(from.width))
             .for_each(|(maxima, values)| {
-                // Where the source row lies in the padded row of the target.
+                // The offset of the source row within the padded row of the target.
                 let shift = i64::from(from.column) - (i64::from(to.column) - margin as i64);
                 for (column, &value) in values.iter().enumerate() {
                     let column = column as i64 + shift;
@@ -370,7 +373,7 @@ impl RunMaxima {
         }
     }
 
-    /// Raises `result` to the maxima over the runs of `row` that reach `half` columns to either
+    /// Raises `result` to the maxima over the runs of `row` that extend `half` columns to either
     /// side.
     fn take(&self, row: i32, half: i32, result: &mut [f32]) {
         let row = row - self.row;
@@ -391,7 +394,8 @@ impl RunMaxima {
     }
 }
 
-/// `f32::max` without its care for NaN, which the processor does in one instruction.
+/// Returns the larger number. Unlike `f32::max` it does not handle NaN, so it compiles to a single
+/// instruction.
 fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
@@ -401,7 +405,7 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// The row-by-row maximum is the maximum over the disc, for windows of any position.
+    /// The row-by-row maximum equals the maximum over the disc, for windows at any position.
     #[test]
     fn disc_maximum_is_what_a_loop_over_the_disc_finds() {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(6);
@@ -439,7 +443,8 @@ mod tests {
         }
     }
 
-    /// Forward and backward passes meet: through any cell of the best chain they give its value.
+    /// Forward and backward passes agree: their sum at any cell of the best chain is the chain's
+    /// value.
     #[test]
     fn passes_agree_on_the_best_chain() {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(8);
@@ -476,7 +481,7 @@ mod tests {
             let through = forward[slot][index] + backward[slot][index] - worth.at(column, row);
             assert!((through - best).abs() < 1e-5);
         }
-        // What is dropped is exactly what cannot reach the best.
+        // The dropped cells are exactly those from which the best value cannot be reached.
         tube.prune(&worth, &forward, &backward, best - 1e-5);
         for (layer, &(column, row)) in tube.layers.iter().zip(&chain) {
             assert!(

@@ -1,5 +1,5 @@
-//! Plans as files of QGroundControl (`.plan`, JSON): for a look at them on its map, and for
-//! uploading them from there. The items are those that `host-sim upload` would send.
+//! Writes plans as files of QGroundControl (`.plan`, JSON), which can display them on its map and
+//! upload them. The items are those that `host-sim upload` would send.
 
 use firmware_core::{
     Position,
@@ -19,16 +19,17 @@ const ARDUPILOT: u8 = 3;
 const PX4: u8 = 12;
 /// MAV_TYPE_QUADROTOR.
 const QUADROTOR: u8 = 2;
-/// QGroundControl's `AltitudeMode` for altitudes relative to the place of take-off.
+/// The `AltitudeMode` of QGroundControl for altitudes relative to the place of take-off.
 const RELATIVE_ALTITUDE: u8 = 1;
 
-/// The text of a `.plan` file: take-off, speed, the waypoints, landing at the last one. `None` for a
-/// path that cannot be numbered in a mission, with none or more than 65 000 waypoints.
+/// Returns the text of a `.plan` file: take-off, speed, the waypoints, and landing at the last one.
+/// Returns `None` if the path has no waypoints, or more than the 65 000 that can be numbered in a
+/// mission.
 pub fn plan_file(scenario: &Scenario, waypoints: &[Position<f64>]) -> Option<String> {
     let p = scenario.mission.parameters();
     let map = MapFrame::<f64>::new(scenario.map_origin());
     let mission = MissionPlan {
-        // PX4's missions have no item for the home position; QGroundControl adds it for ArduPilot.
+        // PX4's missions have no item for the home position. QGroundControl adds it for ArduPilot.
         firmware: Firmware::Px4,
         map,
         waypoints,

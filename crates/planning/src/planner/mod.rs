@@ -1,4 +1,5 @@
-//! The onboard planner on the host: a whole mission planned at once, and the policy that flies it.
+//! The onboard planner on the host: plans a whole mission at once, and provides the policy that
+//! flies it.
 //!
 //! The algorithm is [`firmware_core::planner`], in double precision, with memory from the heap.
 
@@ -14,52 +15,52 @@ use serde::Serialize;
 
 use scenario::PlaceRates;
 
-/// The planner of the host: at the default capacities, with memory from the heap.
+/// The planner on the host: at the default capacities, with memory from the heap.
 pub type HostPlanner = Planner<f64, (Vec<f64>, Vec<u8>), USERS_MAX, SENSORS_MAX>;
 
-/// Operations after which planning stops. Missions of 90 slots need about 2 x 10^9, a mission of
-/// thousands of slots would take minutes.
+/// The number of operations after which planning stops. Missions of 90 slots need about 2 x 10^9
+/// operations. A mission of thousands of slots would take minutes.
 const OPERATIONS_MAX: u64 = 20_000_000_000;
-/// Operations between two reports of progress: some 20 ms.
+/// The number of operations between two reports of progress: about 20 ms.
 const OPERATIONS_PER_REPORT: u64 = 100_000_000;
-/// Operations that the policy may spend on a slot in flight: some 5 ms.
+/// The number of operations that the policy may spend on a slot in flight: about 5 ms.
 const OPERATIONS_PER_SLOT: u64 = 20_000_000;
 
-/// What planning has found so far.
+/// The progress of planning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanProgress {
-    /// The sum of the rates of the plan, bit/s/Hz.
+    /// The sum of the rates of the present plan, bit/s/Hz.
     pub value: f64,
-    /// An estimate of what no plan exceeds, bit/s/Hz.
+    /// An estimate of an upper bound on every plan, bit/s/Hz.
     pub upper_estimate: Option<f64>,
 }
 
-/// A whole mission, planned.
+/// The plan of a whole mission.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PlannedMission {
-    /// The sum of the rates, bit/s/Hz, by the channel model.
+    /// The sum of the rates according to the channel model, bit/s/Hz.
     pub sum_rate: f64,
-    /// An estimate of what no plan exceeds, bit/s/Hz; `None` where there is only one way to fly.
-    /// `host-sim bound` certifies a bound.
+    /// An estimate of an upper bound on every plan, bit/s/Hz, or `None` if only one path can be
+    /// flown. `host-sim bound` computes a certified bound.
     pub upper_estimate: Option<f64>,
-    /// `(upper_estimate - sum_rate) / upper_estimate`.
+    /// The relative gap, `(upper_estimate - sum_rate) / upper_estimate`.
     pub gap_estimate: Option<f64>,
-    /// What it took, seconds.
+    /// The time that planning took, seconds.
     pub seconds: f64,
-    /// What it took, operations of the planner.
+    /// The number of operations that planning took.
     pub operations: u64,
-    /// Memory of the planner, bytes.
+    /// The memory of the planner, bytes.
     pub memory_bytes: usize,
-    /// `q_1` to `q_N`, metres.
+    /// The waypoints `q_1` to `q_N`, metres.
     pub waypoints: Vec<Position<f64>>,
-    /// The served user of each slot, from 0.
+    /// The index of the served user in each slot.
     pub users: Vec<usize>,
 }
 
-/// A planner for a mission, which has not begun to work.
+/// Creates a planner for a mission. The planner has not done any work yet.
 ///
 /// # Errors
-/// More slots or users than a planner holds.
+/// Returns an error if the mission has more slots or users than a planner supports.
 pub fn new_planner(
     mission: &Mission<f64, USERS_MAX, SENSORS_MAX>,
 ) -> Result<HostPlanner, PlannerError> {
@@ -73,8 +74,8 @@ fn capacity(mission: &Mission<f64, USERS_MAX, SENSORS_MAX>) -> Capacity {
     Capacity::new(mission.slots() as usize, mission.user_count())
 }
 
-/// Works until nothing is left to do, or up to 2 x 10^10 operations (some seconds). Calls
-/// `progress` every 20 ms. Returns the operations.
+/// Runs the planner until nothing is left to do, or up to 2 x 10^10 operations (some seconds).
+/// Calls `progress` every 20 ms. Returns the number of operations.
 pub fn finish(planner: &mut HostPlanner, mut progress: impl FnMut(&PlanProgress)) -> u64 {
     let mut operations = 0;
     loop {
@@ -93,7 +94,7 @@ pub fn finish(planner: &mut HostPlanner, mut progress: impl FnMut(&PlanProgress)
 /// Plans a whole mission. Calls `progress` every 20 ms.
 ///
 /// # Errors
-/// More slots or users than a planner holds.
+/// Returns an error if the mission has more slots or users than a planner supports.
 pub fn plan(
     mission: &Mission<f64, USERS_MAX, SENSORS_MAX>,
     progress: impl FnMut(&PlanProgress),

@@ -1,12 +1,13 @@
-//! Who is served when, for given slots: an optimal assignment under the fairness of eq:a3.
+//! The optimal assignment of users to given slots under the fairness constraint eq:a3.
 
 use pathfinding::{kuhn_munkres::kuhn_munkres, matrix::Matrix};
 
-/// The best admissible assignment of users to slots: every user at least `quota` slots, one
-/// user per slot, the sum of rates largest. `rates` is slots by users, row by row.
+/// Returns the admissible assignment of users to slots with the largest sum of rates: every user
+/// has at least `quota` slots, and every slot has one user. `rates` is a matrix of slots by users,
+/// row by row.
 ///
-/// Each user has `quota` seats; the slots that are left over go to whoever is best in them.
-/// Cubic in the number of slots.
+/// Each user has `quota` seats. Each remaining slot is assigned to the user with the highest rate
+/// in it. Worst case: cubic in the number of slots.
 pub fn assign(rates: &[f64], users: usize, quota: usize) -> Vec<usize> {
     let slots = rates.len() / users;
     let best = |slot: usize| {
@@ -23,7 +24,7 @@ pub fn assign(rates: &[f64], users: usize, quota: usize) -> Vec<usize> {
             best(slot)
         }
     };
-    // Fixed point: 2^-40 bit/s/Hz is far below what a rate is known to.
+    // Fixed point: 2^-40 bit/s/Hz is far below the accuracy of a rate.
     let fixed_point = |rate: f64| (rate * 1_099_511_627_776.0) as i64;
     let weights = Matrix::from_fn(slots, slots, |(slot, seat)| {
         fixed_point(rates[slot * users + user_of_seat(slot, seat)])
@@ -41,7 +42,8 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// Every admissible assignment of a tiny instance, by counting in base `users`.
+    /// Finds the best admissible assignment of a tiny instance by enumeration, counting in base
+    /// `users`.
     fn best_by_enumeration(rates: &[f64], users: usize, quota: usize) -> f64 {
         let slots = rates.len() / users;
         (0..users.pow(slots as u32))

@@ -1,8 +1,8 @@
-//! A feasible mission close to the best: the primal side of the certified bound.
+//! A feasible mission close to the best one: the primal side of the certified bound.
 //!
-//! A path is priced by the multipliers of [`crate::bound`], its slots are given to users by an
+//! A path is priced with the multipliers of [`crate::bound`], its slots are assigned to users by an
 //! optimal [assignment](assign), and path and assignment improve each other in turn down to
-//! millimetres. What comes out is a [`Plan`]: it keeps every constraint with a margin, and
+//! millimetres. The result is a [`Plan`], which satisfies every constraint with a margin.
 //! [`SearchPolicy`] flies it.
 
 mod assignment;
@@ -17,18 +17,19 @@ pub(crate) use polish::PathRules;
 
 use firmware_core::Position;
 
-/// Side of the first stencils, as a fraction of `V_max delta`.
+/// The spacing of the first stencils, as a fraction of `V_max delta`.
 const FIRST_SPACING: f64 = 0.25;
-/// Rounds at one spacing, at most: a round that gains less than [`WORTHWHILE`] ends it.
+/// The largest number of rounds at one spacing. A round that gains less than [`WORTHWHILE`] is the
+/// last one.
 const ROUNDS_PER_SPACING: usize = 12;
-/// Relative gain below which a spacing is exhausted.
+/// The relative gain below which a spacing is exhausted.
 const WORTHWHILE: f64 = 1e-4;
-/// Spacings of the stencils in which the order of service is changed, as fractions of
+/// The spacings of the stencils in which the order of service is changed, as fractions of
 /// `V_max delta`.
 const REARRANGE_SPACINGS: [f64; 2] = [0.25, 0.125];
-/// Changes at one spacing, at most.
+/// The largest number of changes at one spacing.
 const CHANGES_PER_SPACING: usize = 40;
-/// Slots that a change of order may span.
+/// The largest number of slots that a change of the order may span.
 const CHANGE_SPAN: usize = 20;
 
 /// Improves path and assignment in turn until neither gains at the finest spacing.
@@ -56,7 +57,7 @@ pub(crate) fn refine<const M: usize, const J: usize>(
     plan
 }
 
-/// Improves a plan by changes of the order of service until none is worthwhile.
+/// Improves a plan by changing the order of service until no change is worthwhile.
 pub(crate) fn rearrange<const M: usize, const J: usize>(
     rules: &PathRules<'_, M, J>,
     mut plan: Plan,
@@ -79,17 +80,17 @@ pub(crate) fn rearrange<const M: usize, const J: usize>(
     plan
 }
 
-/// Turns any path into one that `rules` admit and that bends it as little as one pass forward
-/// can: each waypoint is drawn to the nearest place that can be reached and from which the
-/// destination can. `None` where the margin leaves no way.
+/// Turns any path into one that `rules` admits, changing it as little as one forward pass can: each
+/// waypoint is projected to the nearest position that can be reached and from which the destination
+/// can be reached. Returns `None` if the margin makes that impossible.
 pub(crate) fn made_admissible<const M: usize, const J: usize>(
     rules: &PathRules<'_, M, J>,
     wished: &[Position<f64>],
 ) -> Option<Vec<Position<f64>>> {
     use firmware_core::shield::ReachableSet;
     let p = rules.mission.parameters();
-    // Rounding to the lattice may leave the disc around the destination by less than a quantum:
-    // a step is that much longer than what the disc shrinks by.
+    // Rounding to the lattice may move a waypoint out of the disc around the destination by less
+    // than a quantum. A step is that much longer than the amount by which the disc shrinks.
     let step_m = rules.reach_m - rules.quantum_m;
     let home_m = step_m - rules.quantum_m;
     let mut from = p.start;

@@ -1,4 +1,4 @@
-//! A whole mission decided in advance, and the policy that flies it.
+//! A whole mission that is decided in advance, and the policy that flies it.
 
 use firmware_core::{
     Mission, Position,
@@ -10,19 +10,19 @@ use scenario::PlaceRates;
 
 use super::assign;
 
-/// Where to be and whom to serve, slot by slot.
+/// The waypoint and the served user of every slot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
-    /// `q_1` to `q_N`, metres.
+    /// The waypoints `q_1` to `q_N`, metres.
     pub waypoints: Vec<Position<f64>>,
-    /// The served user of each slot, from 0.
+    /// The index of the served user in each slot.
     pub users: Vec<usize>,
     /// The sum of the rates, bit/s/Hz.
     pub sum_rate: f64,
 }
 
 impl Plan {
-    /// The best fair assignment of users to the slots of a path.
+    /// Returns the plan of a path with the best fair assignment of users to its slots.
     pub fn assigned<const M: usize, const J: usize>(
         mission: &Mission<f64, M, J>,
         waypoints: Vec<Position<f64>>,
@@ -44,27 +44,27 @@ impl Plan {
     }
 }
 
-/// Flies a [`Plan`]: in each slot the displacement from where the vehicle is to the plan's
-/// waypoint, and the plan's user.
+/// Flies a [`Plan`]: in each slot, the action is the displacement from the vehicle's position to
+/// the plan's waypoint, and the plan's user.
 #[derive(Clone, Debug)]
 pub struct SearchPolicy {
     plan: Plan,
 }
 
 impl SearchPolicy {
-    /// The policy of a plan.
+    /// Creates a policy that flies this plan.
     pub fn new(plan: Plan) -> Self {
         Self { plan }
     }
 
-    /// The plan that is flown.
+    /// Returns the plan that is flown.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
 }
 
 impl<const M: usize> Policy<f64, M> for SearchPolicy {
-    /// After the plan's end the vehicle stays and every user has the same score.
+    /// After the end of the plan, the vehicle stays where it is and every user has the same score.
     fn decide(&mut self, observation: &Observation<'_, f64>) -> Action<f64, M> {
         let index = (observation.slot as usize).saturating_sub(1);
         let here = observation.position;

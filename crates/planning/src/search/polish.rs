@@ -1,9 +1,9 @@
-//! Continuous refinement of a path: every waypoint may move a little, all at once.
+//! Continuous refinement of a path: all waypoints may move a little at the same time.
 //!
-//! Around each waypoint lies a stencil of `(2k + 1)^2` candidate places; dynamic programming
-//! finds the best admissible chain through the stencils. The old path is among the candidates,
-//! so the value never falls. A stretched path, where no single waypoint can move without
-//! breaking the speed limit, still moves as a whole.
+//! Around each waypoint there is a stencil of `(2k + 1)^2` candidate positions. Dynamic programming
+//! finds the best admissible chain through the stencils. The old path is among the candidates, so
+//! the value never decreases. A stretched path, in which no single waypoint can move without
+//! breaking the speed limit, can still move as a whole.
 
 use firmware_core::{Mission, Position};
 use rayon::prelude::*;
@@ -12,21 +12,21 @@ use scenario::PlaceRates;
 
 use super::rearrange::Stencils;
 
-/// Candidates to each side of a waypoint.
+/// The number of candidates to each side of a waypoint.
 const STENCIL_REACH: i32 = 4;
 const STENCIL_SIDE: usize = 2 * STENCIL_REACH as usize + 1;
 
-/// The constraints on a path, a hair inside the mission's own, and the lattice on which its
-/// waypoints lie.
+/// The constraints on a path, slightly tighter than the mission's own, and the lattice of its
+/// waypoints.
 ///
-/// Waypoints are multiples of a power of two that `f32` holds exactly, as are their differences:
-/// what MAVLink carries is what was planned.
+/// Waypoints and their differences are multiples of a power of two that `f32` represents exactly.
+/// MAVLink therefore transmits exactly what was planned.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PathRules<'m, const M: usize, const J: usize> {
     pub(crate) mission: &'m Mission<f64, M, J>,
-    /// `V_max delta` less the margin, and no more than crosses the area, metres.
+    /// `V_max delta` minus the margin, and at most what is needed to cross the area, metres.
     pub(crate) reach_m: f64,
-    /// Spacing of the lattice, metres.
+    /// The spacing of the lattice, metres.
     pub(crate) quantum_m: f64,
 }
 
@@ -34,10 +34,10 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
     pub(crate) fn new(mission: &'m Mission<f64, M, J>) -> Self {
         let area = mission.parameters().area;
         let extent_m = area.east_m.max(area.north_m);
-        // 2^23 steps across the area: one bit to spare in the mantissa of f32.
+        // 2^23 steps across the area leave one bit of the mantissa of f32 unused.
         let quantum_m = (extent_m.log2().ceil() - 23.0).exp2();
-        // Twice the extent is beyond the diagonal: no waypoint is lost, and stencils, whose
-        // spacings are fractions of the reach, begin inside the area.
+        // Twice the extent is more than the diagonal, so no waypoint is lost, and stencils, whose
+        // spacings are fractions of the reach, start inside the area.
         let reach_m = mission.reach_m().min(2.0 * extent_m);
         Self {
             mission,
@@ -46,7 +46,8 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         }
     }
 
-    /// The lattice point nearest to a place, or `None` where that lies outside the area.
+    /// Returns the lattice point nearest to a position, or `None` if that point is outside the
+    /// area.
     pub(crate) fn on_lattice(&self, place: Position<f64>) -> Option<Position<f64>> {
         let place = place.map(|value| (value / self.quantum_m).round() * self.quantum_m);
         self.mission
@@ -60,11 +61,11 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         (to - from).norm_squared() <= self.reach_m * self.reach_m
     }
 
-    /// Whether a path from the mission's start has a waypoint for every slot, keeps the speed
-    /// limit, stays in the area, and ends within one more slot of the destination.
+    /// Returns whether a path from the mission's start has a waypoint for every slot, satisfies the
+    /// speed limit, stays in the area, and ends within one more slot of the destination.
     pub(crate) fn admits(&self, path: &[Position<f64>]) -> bool {
         let p = self.mission.parameters();
-        // Cells that no chain joins give a path without waypoints.
+        // If no chain connects the cells, the path has no waypoints.
         if path.len() != self.mission.slots() as usize {
             return false;
         }
@@ -78,7 +79,7 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         self.joins(from, &p.destination)
     }
 
-    /// The stencils of the given spacing around `path`, which must be admissible.
+    /// Returns the stencils of the given spacing around `path`, which must be admissible.
     pub(crate) fn stencils(&self, path: &[Position<f64>], spacing_m: f64) -> Stencils {
         let p = self.mission.parameters();
         let users = self.mission.user_count();
@@ -126,7 +127,8 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         }
     }
 
-    /// The waypoint itself first, so that it wins ties.
+    /// Returns the candidates around a waypoint. The waypoint itself comes first, so that it wins
+    /// ties.
     fn stencil(
         &self,
         center: &Position<f64>,
@@ -149,8 +151,8 @@ mod tests {
     use super::*;
     use scenario::Scenario;
 
-    /// Where start and destination are near each other, a path without waypoints joins them, but
-    /// is no mission.
+    /// If start and destination are near each other, a path without waypoints connects them, but it
+    /// is not a mission.
     #[test]
     fn a_path_of_another_length_is_not_admitted() {
         let shipped = Scenario::shipped("separated").expect("a shipped scenario");

@@ -1,9 +1,9 @@
-//! Changing the order in which users are served, with the path following at once.
+//! Changes the order in which users are served and adapts the path at the same time.
 //!
-//! Improving path and assignment in turn stops where each is best for the other. Here both move
-//! together: two slots swap their users, or one slot's user is moved to another time and those
-//! in between shift; the best chain of places for the new order, within a stencil around each
-//! waypoint, tells what the change is worth.
+//! Improving path and assignment in turn stops where each is optimal for the other. Here both
+//! change together: two slots swap their users, or one slot's user is moved to another time and the
+//! users in between shift. The value of a change is that of the best chain of positions for the new
+//! order, within a stencil around each waypoint.
 
 use firmware_core::Position;
 use rayon::prelude::*;
@@ -13,9 +13,11 @@ use rayon::prelude::*;
 enum Change {
     /// Two slots swap their users.
     Swap(usize, usize),
-    /// The first slot's user is served in the second slot, those in between one slot earlier.
+    /// The first slot's user is served in the second slot, and those in between are served one slot
+    /// earlier.
     Later(usize, usize),
-    /// The second slot's user is served in the first slot, those in between one slot later.
+    /// The second slot's user is served in the first slot, and those in between are served one slot
+    /// later.
     Earlier(usize, usize),
 }
 
@@ -34,24 +36,24 @@ impl Change {
     }
 }
 
-/// The candidate places of every slot, what each user gets there, and which places a slot's
-/// flight joins.
+/// The candidate positions of every slot, the rate of each user there, and the positions that the
+/// flight of a slot connects.
 #[derive(Clone, Debug)]
 pub(crate) struct Stencils {
     pub(crate) places: Vec<Vec<Position<f64>>>,
-    /// Per slot, per user, per place.
+    /// The rates, by slot, user and position.
     pub(crate) rates: Vec<Vec<Vec<f64>>>,
-    /// Per slot, per place: the places of the slot before (for the first: whether the start
-    /// joins it) as bits.
+    /// For each slot and position, the reachable positions of the slot before, as bits. For the
+    /// first slot, whether the start is connected to the position.
     pub(crate) joined: Vec<Vec<u128>>,
-    /// Places of the last slot from which the destination is one more slot away.
+    /// The positions of the last slot from which the destination can be reached in one more slot.
     pub(crate) home: Vec<bool>,
 }
 
 const NOWHERE: f64 = f64::NEG_INFINITY;
 
 impl Stencils {
-    /// Totals after a slot from those before it.
+    /// Computes the totals after a slot from those before it.
     fn onward(&self, slot: usize, user: usize, before: &[f64], after: &mut Vec<f64>) {
         let rates = &self.rates[slot][user];
         after.clear();
@@ -69,8 +71,8 @@ impl Stencils {
         }));
     }
 
-    /// The value of every place of every slot for this order of users: earned up to it, and
-    /// still to be earned after it.
+    /// Returns two values for every position of every slot with this order of users: the value
+    /// earned up to it, and the value that can still be earned after it.
     fn tables(&self, users: &[usize]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
         let slots = users.len();
         let mut earned: Vec<Vec<f64>> = Vec::with_capacity(slots);
@@ -102,7 +104,7 @@ impl Stencils {
         (earned, ahead)
     }
 
-    /// The best chain of places for an order of users, with its value.
+    /// Returns the best chain of positions for an order of users, with its value.
     pub(crate) fn best_chain(&self, users: &[usize]) -> (f64, Vec<Position<f64>>) {
         let (earned, ahead) = self.tables(users);
         let slots = users.len();
@@ -131,8 +133,8 @@ impl Stencils {
         (value, path)
     }
 
-    /// The order of users, one change away, whose best chain is worth most; `None` if none is
-    /// worth more than `least`. Changes span at most `span` slots.
+    /// Returns the order of users, one change away, whose best chain has the largest value, or
+    /// `None` if no value exceeds `least`. Changes span at most `span` slots.
     pub(crate) fn best_change(
         &self,
         users: &[usize],

@@ -1,16 +1,16 @@
-//! A cone program in Clarabel's standard form, and what its statuses mean.
+//! A cone program in Clarabel's standard form, and the interpretation of Clarabel's statuses.
 
 use clarabel::{
     algebra::CscMatrix,
     solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT},
 };
 
-/// Optimal to full or reduced accuracy, says Clarabel.
+/// Returns whether Clarabel reports an optimum, to full or reduced accuracy.
 pub(super) fn is_solution(status: SolverStatus) -> bool {
     matches!(status, SolverStatus::Solved | SolverStatus::AlmostSolved)
 }
 
-/// Without a feasible point, says Clarabel.
+/// Returns whether Clarabel reports that there is no feasible point.
 pub(super) fn is_infeasible(status: SolverStatus) -> bool {
     matches!(
         status,
@@ -18,10 +18,10 @@ pub(super) fn is_infeasible(status: SolverStatus) -> bool {
     )
 }
 
-/// A conic problem under construction: least `objective x` with `b - A x` in the cones.
+/// A conic problem under construction: minimize `objective x` with `b - A x` in the cones.
 #[derive(Debug)]
 pub(super) struct Program {
-    /// One coefficient per variable.
+    /// The objective, with one coefficient per variable.
     pub(super) objective: Vec<f64>,
     rows: Vec<usize>,
     columns: Vec<usize>,
@@ -31,7 +31,7 @@ pub(super) struct Program {
 }
 
 impl Program {
-    /// No rows yet, and nothing to minimise.
+    /// Creates a program without rows and with a zero objective.
     pub(super) fn new(variables: usize) -> Self {
         Self {
             objective: vec![0.0; variables],
@@ -43,7 +43,8 @@ impl Program {
         }
     }
 
-    /// A row `(A, b)`: `right - sum of terms` is in the cone that is stated next.
+    /// Adds a row `(A, b)`: `right` minus the sum of `terms` must be in the cone that is added
+    /// next.
     pub(super) fn row(&mut self, terms: &[(usize, f64)], right: f64) {
         for &(column, value) in terms {
             self.rows.push(self.right.len());
@@ -53,13 +54,14 @@ impl Program {
         self.right.push(right);
     }
 
-    /// The rows since the last cone are in this one.
+    /// Adds the cone of the rows since the last cone.
     pub(super) fn cone(&mut self, cone: SupportedConeT<f64>) {
         self.cones.push(cone);
     }
 
-    /// What Clarabel says, and where it stopped; not to be trusted without a look at the point.
-    /// Tries shorter steps where Clarabel's own end in a corner of the exponential cone.
+    /// Returns Clarabel's status and the point where it stopped, which must be checked by the
+    /// caller. Retries with shorter steps if Clarabel's own end in a corner of the exponential
+    /// cone.
     pub(super) fn solve(self, tolerance: f64) -> (SolverStatus, Vec<f64>) {
         let variables = self.objective.len();
         let quadratic = CscMatrix::zeros((variables, variables));
@@ -81,7 +83,8 @@ impl Program {
                 equilibrate_enable,
                 ..DefaultSettings::default()
             };
-            // Dimensions are this module's own: the constructor has nothing else to refuse.
+            // The dimensions are set by this module, and the constructor has no other reason to
+            // fail.
             if let Ok(mut solver) = DefaultSolver::new(
                 &quadratic,
                 &self.objective,

@@ -1,8 +1,9 @@
-//! A second link at which somebody listens beside: a ground station.
+//! A second link, on which a ground station observes the flight.
 //!
-//! It has a thread of its own, so that a ground station that hangs cannot hold up a flight. It
-//! hears every frame in both directions, and what it sends goes to the vehicle as it came: the
-//! vehicle judges it, and a pilot can take over from there. None of it reaches our client.
+//! The link has its own thread, so that a ground station that hangs cannot delay a flight. It
+//! receives every frame of both directions. What it sends is forwarded to the vehicle unchanged:
+//! the vehicle decides whether to accept it, and a pilot can take over from there. None of it
+//! reaches our client.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,14 +14,15 @@ use firmware_core::autopilot::wire::Decoder;
 
 use super::Link;
 
-/// Frames that wait for the thread; when it hangs, further ones are lost, as on a radio.
+/// The number of frames that may wait for the thread. If it hangs, further frames are lost, as on a
+/// radio.
 const QUEUE: usize = 1024;
-/// How long the thread waits for something to come before it looks for something to send.
+/// How long the thread waits for input before it checks whether there is something to send.
 const LOOK: Duration = Duration::from_millis(2);
-/// A link that fails is left alone for this long.
+/// The time for which a link that failed is not used.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// A link beside; it ends with its owner.
+/// A second link for a ground station. It is closed when it is dropped.
 #[derive(Debug)]
 pub struct GroundStationTap {
     heard: SyncSender<Vec<u8>>,
@@ -28,17 +30,18 @@ pub struct GroundStationTap {
     contact: Arc<Mutex<Contact>>,
 }
 
-/// Whether anybody was there.
+/// Whether the ground station has been reached.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Contact {
-    /// A frame has gone, or something has come. (What UDP takes may still be heard by nobody.)
+    /// A frame was sent or something was received. (On UDP, a frame that was sent may not have been
+    /// received by anyone.)
     Made,
-    /// Nobody yet, and why, where that is known.
+    /// Nothing has been reached yet, and the reason, if it is known.
     None { last_error: Option<String> },
 }
 
 impl GroundStationTap {
-    /// Serves this link from now on.
+    /// Starts to serve this link.
     pub fn new(link: Box<dyn Link>) -> Self {
         let (heard, to_send) = sync_channel(QUEUE);
         let (came, said) = sync_channel(QUEUE);
@@ -54,7 +57,8 @@ impl GroundStationTap {
         }
     }
 
-    /// Where nobody was ever reached: why, or an empty reason where that is not known.
+    /// Returns the reason why the ground station was never reached, which is empty if it is not
+    /// known, or `None` if it was reached.
     pub fn unreached(&self) -> Option<String> {
         let contact = self.contact.lock().unwrap_or_else(PoisonError::into_inner);
         match &*contact {
@@ -63,13 +67,14 @@ impl GroundStationTap {
         }
     }
 
-    /// Lets it hear a frame.
+    /// Forwards a frame to the ground station.
     pub fn hear(&self, frame: &[u8]) {
-        // Full, or gone: the flight goes on without it.
+        // If the queue is full or the thread has ended, the flight continues without the ground
+        // station.
         let _ = self.heard.try_send(frame.to_vec());
     }
 
-    /// The next frame that it said.
+    /// Returns the next frame that the ground station sent.
     pub fn take_said(&self) -> Option<Vec<u8>> {
         self.said.try_recv().ok()
     }
@@ -141,7 +146,7 @@ mod tests {
 
     use super::*;
 
-    /// A link that hangs, as a connection to a host that is down does.
+    /// A link that hangs, as a connection to an unavailable host does.
     #[derive(Debug)]
     struct Hangs;
 
@@ -160,7 +165,7 @@ mod tests {
         }
     }
 
-    /// A link to where nobody is, until it is `up`.
+    /// A link whose other end is not available until it is `up`.
     #[derive(Debug)]
     struct Down {
         up: bool,
