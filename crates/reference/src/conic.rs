@@ -423,7 +423,7 @@ impl<'a> Slot<'a> {
         // The signal that this eta allows for exactly these amplitudes. Clarabel's own value may
         // exceed it by its tolerance.
         let slack = (2.0 * point.sum - self.kappa / eta) / eta - point.energy;
-        let signal = (x[z] / noise).min(room).min(self.budget).max(0.0);
+        let signal = (x[z] / noise).min(slack).min(self.budget).max(0.0);
         (status, Some(Point { signal, ..point }))
     }
 

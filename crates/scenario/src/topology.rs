@@ -85,7 +85,7 @@ pub fn generate_on(
     course: &Course,
 ) -> Result<Scenario, String> {
     for (axis, side_m) in ["east", "north"].into_iter().zip(course.area_m) {
-        if !(side_m >= 1.0 && side_m <= LONGEST_SIDE_M) {
+        if !(1.0..=LONGEST_SIDE_M).contains(&side_m) {
             return Err(format!(
                 "mission.area_m: {axis} is {side_m}, but must be from 1 to {LONGEST_SIDE_M} m"
             ));
