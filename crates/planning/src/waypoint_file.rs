@@ -169,7 +169,13 @@ mod tests {
 
     #[test]
     fn users_are_those_of_the_file_where_it_names_them() {
-        let row = |n: usize| format!("{},100.0,{}\n", n * 10, if n % 2 == 0 { "7" } else { "" });
+        let row = |n: usize| {
+            format!(
+                "{},100.0,{}\n",
+                n * 10,
+                if n.is_multiple_of(2) { "7" } else { "" }
+            )
+        };
         let rows: String = (1..=60).map(row).collect();
         let plan = read_text("a.csv", &format!("north_m,east_m,user\n{rows}")).expect("a plan");
         assert_eq!(plan.waypoints[2], Position::new(100.0, 30.0));
