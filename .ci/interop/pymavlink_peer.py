@@ -130,7 +130,7 @@ def missions():
             link = vehicle.connect()
             check(greet(link), "no heartbeat")
             items = read_mission(link)
-            check(len(items) == (64 if profile == "px4" else 65), f"{profile}: {len(items)} items")
+            check(len(items) == (63 if profile == "px4" else 64), f"{profile}: {len(items)} items")
             check(items[-1].command == 21, f"{profile}: no landing at the end")
 
 
