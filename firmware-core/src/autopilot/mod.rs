@@ -17,7 +17,8 @@
 //!
 //! * **phase**: the part of a flight that the client is in ([`Phase`]), from the first heartbeat to
 //!   the landing.
-//! * **leg**: the flight of one slot, to a waypoint that is due at the slot's end.
+//! * **leg**: the flight during one slot. The vehicle is to reach the leg's waypoint when the slot
+//!   ends.
 //! * **reference**: where the vehicle should be *now*; streamed as setpoints ([`guidance`]).
 //! * **sample**: a measured position ([`Sample`]) with the time at which it was taken.
 //! * **vehicle time**: the clock of the autopilot, with which its samples are stamped ([`clock`]).

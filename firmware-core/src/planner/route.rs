@@ -95,8 +95,9 @@ impl<T: Scalar> Route<T> {
         )
     }
 
-    /// Moves each waypoint that is out of reach to the nearest place within reach. Returns the
-    /// longest such move, metres. Worst case: 29 candidates per waypoint.
+    /// Replaces each waypoint that the vehicle cannot reach by the nearest point that it can reach.
+    /// Returns the largest distance between a waypoint and its replacement, in metres. Worst case: 29
+    /// candidates per waypoint.
     pub(super) fn anchor(&self, path: &mut PathMut<'_, T>) -> T {
         let mut from = self.from;
         let mut moved_m = T::zero();
