@@ -49,7 +49,7 @@ fn a_missing_scenario_is_named() {
         &["run", "--scenario", "nowhere/mission.toml"],
         &[
             "error: nowhere/mission.toml: No such file",
-            "shipped are separated and mixed",
+            "shipped are separated, mixed and slow",
         ],
     );
 }

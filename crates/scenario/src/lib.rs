@@ -151,9 +151,13 @@ impl Scenario {
     pub fn foreign_policy(&self, provenance: &Provenance) -> Option<String> {
         let (trained_for, digest) = (provenance.scenario_digest.as_str(), self.digest());
         (trained_for != digest).then(|| {
+            let trained_for = match trained_for {
+                "" => "it names none".to_owned(),
+                named => format!("digest {named:.12}"),
+            };
             format!(
-                "trained for another mission (digest {trained_for:.12}, this one has {digest:.12}): \
-                 --policy plan may do better"
+                "trained for another mission ({trained_for}, this one has {digest:.12}): --policy plan \
+                 may do better"
             )
         })
     }
