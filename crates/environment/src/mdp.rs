@@ -20,9 +20,8 @@
 use std::sync::Arc;
 
 use firmware_core::{
-    Displacement, Mission, Position, PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
-    aircomp::Slot,
-    inner::{Method, SlotLimits, Status, Workspace},
+    Displacement, Mission, Position, SENSORS_MAX, Scalar, USERS_MAX,
+    inner::{Method, SlotAllocation, SlotLimits, Status, Workspace},
     policy::Observation,
     shield::{self, Fairness, Intervention, ReachableSet},
 };
@@ -337,35 +336,28 @@ impl<T: Scalar> Environment<T> {
     fn solve_slot(&mut self, user: usize) -> bool {
         let p = self.mission.parameters();
         let channel = self.mission.channel();
-        let mut gains = [PowerGain(T::zero()); SENSORS_MAX];
-        let gains = &mut gains[..p.sensors.len()];
-        for (gain, sensor) in gains.iter_mut().zip(&p.sensors) {
-            *gain = channel.power_gain(&self.state.position, sensor);
+        let mut amplitude_gains = [T::zero(); SENSORS_MAX];
+        let amplitude_gains = &mut amplitude_gains[..p.sensors.len()];
+        for (amplitude, sensor) in amplitude_gains.iter_mut().zip(&p.sensors) {
+            let gain = channel.power_gain(&self.state.position, sensor);
+            *amplitude = gain.amplitude();
         }
         let user_gain = channel.power_gain(&self.state.position, &p.users[user]);
-        let solution = self
+        let mut coefficients = [T::zero(); SENSORS_MAX];
+        let allocation = self
             .workspace
-            .sensors(&self.limits, gains)
-            .and_then(|field| self.method.solve(&field, Some(user_gain)));
+            .sensors_of_amplitude(&self.limits, amplitude_gains)
+            .and_then(|field| {
+                let user_gain = Some(user_gain);
+                field.allocate(&self.method, amplitude_gains, user_gain, &mut coefficients)
+            });
         // The channels of a valid mission always give a valid slot problem.
-        let Ok(solution) = solution else {
-            debug_assert!(false, "{solution:?}");
+        let Ok(SlotAllocation { solution, mse }) = allocation else {
+            debug_assert!(false, "{allocation:?}");
             return false;
         };
-        let mut coefficients = [T::zero(); SENSORS_MAX];
-        let coefficients = &mut coefficients[..gains.len()];
-        for (coefficient, &gain) in coefficients.iter_mut().zip(gains.iter()) {
-            *coefficient = solution.coefficient(gain);
-        }
         self.state.rate = solution.rate;
-        self.state.mse = Slot {
-            sensor_gains: gains,
-            sensor_coefficients: coefficients,
-            user_gain,
-            user_power: solution.user_power,
-            noise_power: self.limits.noise_power,
-        }
-        .mse(solution.normalizing_factor);
+        self.state.mse = mse;
         matches!(solution.status, Status::Optimal { .. })
     }
 }

@@ -15,7 +15,10 @@ use std::{
 use clap::ValueEnum;
 use firmware_core::{
     PowerGain, Scalar, Watt, aircomp,
-    inner::{LimitedBy, PrefixSum, SensorField, SlotLimits, Solution, Status, alternating},
+    inner::{
+        self, LimitedBy, PrefixSum, SensorField, SlotAllocation, SlotLimits, Status,
+        alternating::AlternatingSettings,
+    },
 };
 use serde::{Deserialize, Serialize};
 
@@ -256,16 +259,19 @@ impl Problem {
         let mut sums = vec![PrefixSum::default(); sensor_gains.len()];
         let field = SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
             .map_err(LineError::input)?;
-        let user = user_gain.unwrap_or_default();
-        // This is computed for the other solvers as well, because it checks the user's gain.
-        let exact = field.solve(user_gain).map_err(LineError::input)?;
-        let alternating = alternating::AlternatingSettings::<T>::default();
+        let amplitude_gains: Vec<T> = sensor_gains.iter().map(|gain| gain.amplitude()).collect();
+        let allocation = match method {
+            Method::Alternating => inner::Method::Alternating(AlternatingSettings::default()),
+            // For the other solvers, too: this checks the user's gain.
+            _ => inner::Method::Exact,
+        };
+        let mut coefficients = vec![T::zero(); amplitude_gains.len()];
+        let allocation = field
+            .allocate(&allocation, &amplitude_gains, user_gain, &mut coefficients)
+            .map_err(LineError::input)?;
         match method {
-            Method::Exact => Ok(Answer::new(&field, &exact, &sensor_gains, user)),
-            Method::Alternating => {
-                let report = field.alternate(user_gain, &alternating, |_| {});
-                let solution = report.map_err(LineError::input)?.solution;
-                Ok(Answer::new(&field, &solution, &sensor_gains, user))
+            Method::Exact | Method::Alternating => {
+                Ok(Answer::new(&field, &allocation, coefficients))
             }
             Method::Conic | Method::ConicAlternating => self.answer_by_clarabel(method),
         }
@@ -284,7 +290,7 @@ impl Problem {
         let (report, rested) = if method == Method::Conic {
             (conic::bisect(&limits, &gains, user), Finding::Optimal)
         } else {
-            let settings = alternating::AlternatingSettings::default();
+            let settings = AlternatingSettings::default();
             (
                 conic::alternate(&limits, &gains, user, &settings),
                 Finding::Converged,
@@ -326,20 +332,9 @@ impl Problem {
 impl Answer {
     fn new<T: Scalar>(
         field: &SensorField<'_, T>,
-        solution: &Solution<T>,
-        sensor_gains: &[PowerGain<T>],
-        user_gain: PowerGain<T>,
+        &SlotAllocation { solution, mse }: &SlotAllocation<T>,
+        coefficients: Vec<T>,
     ) -> Self {
-        let gains = sensor_gains.iter();
-        let coefficients: Vec<T> = gains.map(|&gain| solution.coefficient(gain)).collect();
-        let mse = aircomp::Slot {
-            sensor_gains,
-            sensor_coefficients: &coefficients,
-            user_gain,
-            user_power: solution.user_power,
-            noise_power: field.limits().noise_power,
-        }
-        .mse(solution.normalizing_factor);
         Self {
             feasible: solution.status.is_feasible(),
             rate: solution.rate.to_f64(),

@@ -29,9 +29,9 @@ mod speed_estimator;
 use heapless::Vec;
 
 use crate::{
-    SENSORS_MAX, USERS_MAX, aircomp,
+    SENSORS_MAX, USERS_MAX,
     autopilot::guidance::Limits,
-    inner::{Method, SlotLimits, Workspace},
+    inner::{Method, SlotAllocation, SlotLimits, Workspace},
     mission::Mission,
     policy::{Observation, Policy},
     scalar::{Displacement, Position, Scalar},
@@ -319,28 +319,20 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let amplitude_gains: Vec<T, J> = sensor_gains.iter().map(|g| g.amplitude()).collect();
         // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
         // one did, nobody would transmit.
-        let solution = self
+        let coefficients = &mut command.sensor_coefficients;
+        let allocation = self
             .workspace
             .sensors_of_amplitude(&self.limits, &amplitude_gains)
-            .and_then(|field| self.method.solve(&field, user_gain));
-        debug_assert!(solution.is_ok(), "{solution:?}");
-        if let Ok(solution) = solution {
+            .and_then(|field| {
+                field.allocate(&self.method, &amplitude_gains, user_gain, coefficients)
+            });
+        debug_assert!(allocation.is_ok(), "{allocation:?}");
+        if let Ok(SlotAllocation { solution, mse }) = allocation {
             command.user_power = solution.user_power;
             command.normalizing_factor = solution.normalizing_factor;
             command.rate = solution.rate;
             command.status = solution.status;
-            let signal_w = user_gain.unwrap_or_default().0 * command.user_power.0;
-            let arriving = (amplitude_gains.iter())
-                .zip(&mut command.sensor_coefficients)
-                .map(|(&amplitude, coefficient)| {
-                    *coefficient = solution.coefficient_of_amplitude(amplitude);
-                    *coefficient * amplitude
-                });
-            command.mse = aircomp::mse(
-                arriving,
-                signal_w + self.limits.noise_power.0,
-                command.normalizing_factor,
-            );
+            command.mse = mse;
         }
         command
     }

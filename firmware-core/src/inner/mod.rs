@@ -14,6 +14,7 @@
 //! [`Status::Infeasible`], with the least MSE that is possible. Errors are for input that is not a
 //! slot problem.
 
+mod allocation;
 pub mod alternating;
 pub mod bounded;
 mod error;
@@ -25,6 +26,7 @@ mod rate;
 mod scheme;
 mod solution;
 
+pub use allocation::SlotAllocation;
 pub use error::SlotError;
 pub use level::{PrefixSum, SensorField, Workspace};
 pub use limits::SlotLimits;

@@ -1,0 +1,46 @@
+//! From gains to powers, coefficients and the MSE that they give: the one path that the controller,
+//! the training environment and `host-sim solve` take.
+
+use super::{error::SlotError, level::SensorField, method::Method, solution::Solution};
+use crate::{aircomp, scalar::Scalar, units::PowerGain};
+
+/// A solved slot and the MSE of its average.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlotAllocation<T> {
+    /// Powers, normalizing factor, rate and status.
+    pub solution: Solution<T>,
+    /// The MSE of the average with these powers and coefficients, in the paper's own form (second
+    /// line after eq:md).
+    pub mse: T,
+}
+
+impl<T: Scalar> SensorField<'_, T> {
+    /// Solves the slot with a user of gain `|g|^2` served, or nobody (`None`), and writes `|b_j|` of
+    /// every sensor, square root of watts, into `coefficients`. `amplitude_gains` are the `|h_j|`
+    /// that the field was made of, in the order in which the coefficients are wanted: the field
+    /// keeps them sorted only.
+    ///
+    /// Worst case: that of the method, and `O(J)`.
+    ///
+    /// # Errors
+    /// Returns an error if the user's gain is NaN, infinite or negative.
+    pub fn allocate(
+        &self,
+        method: &Method<T>,
+        amplitude_gains: &[T],
+        user: Option<PowerGain<T>>,
+        coefficients: &mut [T],
+    ) -> Result<SlotAllocation<T>, SlotError<T>> {
+        let solution = method.solve(self, user)?;
+        let signal_w = user.unwrap_or_default().0 * solution.user_power.0;
+        let received = (amplitude_gains.iter())
+            .zip(coefficients)
+            .map(|(&amplitude, coefficient)| {
+                *coefficient = solution.coefficient_of_amplitude(amplitude);
+                *coefficient * amplitude
+            });
+        let noise_w = signal_w + self.limits().noise_power.0;
+        let mse = aircomp::mse(received, noise_w, solution.normalizing_factor);
+        Ok(SlotAllocation { solution, mse })
+    }
+}
