@@ -35,7 +35,9 @@ use crate::{
     },
     controller::{ChannelSource, ChannelState, Controller, ControllerError, SlotCommand},
     counter::count,
-    link::{self, Arrival, Decoder, FRAME_MAX, Message, SlotCounters, VehicleStatus},
+    link::{
+        self, Arrival, Decoder, FRAME_MAX, Message, NumberedChange, SlotCounters, VehicleStatus,
+    },
     policy::Policy,
     scalar::{Position, Scalar},
     time::{Duration, Instant},
@@ -53,6 +55,9 @@ pub struct OnboardSettings {
     pub channel_patience: Duration,
     /// The time without an answer after which the arrival is sent again.
     pub arrival_interval: Duration,
+    /// The operations that the policy may spend on a better plan in a [`poll`](Onboard::poll) on
+    /// the way to a waypoint, after a change of the mission.
+    pub planning_operations: u64,
 }
 
 impl Default for OnboardSettings {
@@ -60,6 +65,7 @@ impl Default for OnboardSettings {
         Self {
             channel_patience: Duration::from_millis(500),
             arrival_interval: Duration::from_millis(125),
+            planning_operations: 500_000,
         }
     }
 }
@@ -213,10 +219,14 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     pub fn status(&self) -> VehicleStatus {
         VehicleStatus {
             slots_done: self.controller.slots_done(),
-            slots: self.slots,
+            slots: SlotCounters {
+                changes_refused: self.controller.changes_refused(),
+                ..self.slots
+            },
             link: *self.ground_in.counters(),
             mavlink: self.mavlink_in.counters(),
             mavlink_unreadable: self.mavlink_unreadable,
+            plan: self.controller.policy().quality(),
         }
     }
 
@@ -289,6 +299,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             self.autopilot.note_ground_link(now);
             match message {
                 Message::ChannelState(state) => self.take_channel_state(state),
+                Message::Change(change) => self.take_change(&change),
                 Message::Arrival(_) | Message::Command(_) | Message::Status(_) => {
                     count(&mut self.slots.echoes);
                 }
@@ -305,6 +316,16 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
                 count(&mut self.slots.states_of_wrong_size);
             }
             _ => count(&mut self.slots.states_out_of_turn),
+        }
+    }
+
+    /// Takes note of a change of the mission if it is the next one.
+    fn take_change(&mut self, change: &NumberedChange<T>) {
+        let in_turn = self.slots.changes.checked_add(1) == Some(change.number);
+        if in_turn && self.controller.note_change(&change.change) {
+            count(&mut self.slots.changes);
+        } else {
+            count(&mut self.slots.changes_out_of_turn);
         }
     }
 
@@ -352,6 +373,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             Stage::Flying => {
                 if let Some(end) = self.autopilot.leg_ended(now) {
                     self.end_leg(now, &end);
+                } else {
+                    let operations = self.settings.planning_operations;
+                    self.controller.improve_plan(operations);
                 }
             }
             Stage::Measuring => self.measure(now, probe),

@@ -22,6 +22,7 @@
 //! (M + J)` gains of the channel model and one guarantee.
 
 mod aging;
+mod changes;
 mod command_check;
 mod exchange;
 mod speed_estimator;
@@ -39,6 +40,8 @@ use crate::{
     units::PowerGain,
 };
 use aging::LastState;
+use changes::Pending;
+pub use changes::{CHANGES_MAX, DatedChange};
 pub use command_check::CommandError;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
 use speed_estimator::SpeedEstimator;
@@ -104,6 +107,12 @@ pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize =
     speed_estimator: SpeedEstimator<T>,
     last_state: LastState<T, M, J>,
     workspace: Workspace<T, J>,
+    /// The number of users that the policy gives scores for: those from the start.
+    scored_users: usize,
+    /// The changes that are not in effect yet.
+    pending: Pending<T>,
+    /// The number of changes that were refused when they would have come into effect.
+    changes_refused: u32,
 }
 
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P, M, J> {
@@ -115,6 +124,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             fairness: Fairness::new(&mission),
             speed_estimator: SpeedEstimator::new(&mission),
             last_state: LastState::none(),
+            scored_users: mission.user_count(),
+            pending: Pending::new(),
+            changes_refused: 0,
             mission,
             policy,
             slots_done: 0,
@@ -151,6 +163,16 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// Returns how often each user was served.
     pub fn fairness(&self) -> &Fairness<M> {
         &self.fairness
+    }
+
+    /// Returns the policy.
+    pub fn policy(&self) -> &P {
+        &self.policy
+    }
+
+    /// Gives the policy time to improve its plan: about `operations` of its work.
+    pub fn improve_plan(&mut self, operations: u64) {
+        self.policy.improve(operations);
     }
 
     /// Returns the number of slots done.
@@ -199,7 +221,10 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let agility = self.speed_estimator.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
-            && shield::scores_are_sound(&action.user_scores, self.mission.user_count());
+            && shield::scores_are_sound(
+                &action.user_scores,
+                self.scored_users..=self.mission.user_count(),
+            );
         let (waypoint, chosen) = if sound {
             let displacement = &action.displacement;
             (
@@ -248,8 +273,13 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             rejected_gains += 1;
             PowerGain(T::zero())
         };
-        let user_gains: Vec<_, M> = state.user_gains.iter().map(&mut sane).collect();
+        let mut user_gains: Vec<_, M> = state.user_gains.iter().map(&mut sane).collect();
         let sensor_gains: Vec<_, J> = state.sensor_gains.iter().map(&mut sane).collect();
+        for (user, gain) in user_gains.iter_mut().enumerate() {
+            if !self.mission.has_user(user) {
+                *gain = PowerGain(T::zero());
+            }
+        }
         let command = SlotCommand {
             rejected_gains,
             ..self.allocate_known(&plan, &user_gains, &sensor_gains)
@@ -278,13 +308,15 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let state = self.last_state.aged(&self.mission, plan.slot, measured);
         let served_user = self.recipient(plan.served_user, |user| state.users[user].least.0);
         let user = served_user.map(|user| state.users[user]);
-        let guarantee = self.workspace.guarantee(&self.limits, &state.sensors, user);
+        let present = self.mission.sensors();
+        let sensors: Vec<_, J> = present.map(|(sensor, _)| state.sensors[sensor]).collect();
+        let guarantee = self.workspace.guarantee(&self.limits, &sensors, user);
         debug_assert!(guarantee.is_ok(), "{guarantee:?}");
         let mut command = SlotCommand {
             served_user,
             source: ChannelSource::Predicted,
             age_slots: state.age_slots,
-            unheard_sensors: count_unheard(state.sensors.iter().map(|gain| gain.least.0)),
+            unheard_sensors: count_unheard(sensors.iter().map(|gain| gain.least.0)),
             ..SlotCommand::silent(plan.slot, state.sensors.len())
         };
         if let Ok(guarantee) = guarantee {
@@ -293,11 +325,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             command.rate = guarantee.rate;
             command.mse = guarantee.mse;
             command.status = guarantee.status;
-            command.sensor_coefficients = state
-                .sensors
-                .iter()
-                .map(|gain| guarantee.coefficient(gain))
-                .collect();
+            for ((sensor, _), gain) in self.mission.sensors().zip(&sensors) {
+                command.sensor_coefficients[sensor] = guarantee.coefficient(gain);
+            }
         }
         self.finish(&command);
         Ok(command)
@@ -314,17 +344,20 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let user_gain = served_user.map(|user| user_gains[user]);
         let mut command = SlotCommand::silent(plan.slot, sensor_gains.len());
         command.served_user = served_user;
-        command.unheard_sensors = count_unheard(sensor_gains.iter().map(|gain| gain.0));
+        let present = self.mission.sensors().map(|(sensor, _)| sensor);
+        let gains = present.clone().map(|sensor| sensor_gains[sensor]);
+        command.unheard_sensors = count_unheard(gains.clone().map(|gain| gain.0));
         // A processor may have no instruction for square roots: each is computed once.
-        let amplitude_gains: Vec<T, J> = sensor_gains.iter().map(|g| g.amplitude()).collect();
+        let amplitude_gains: Vec<T, J> = gains.map(|gain| gain.amplitude()).collect();
+        let mut coefficients = [T::zero(); J];
         // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
         // one did, nobody would transmit.
-        let coefficients = &mut command.sensor_coefficients;
         let allocation = self
             .workspace
             .sensors_of_amplitude(&self.limits, &amplitude_gains)
             .and_then(|field| {
-                field.allocate(&self.method, &amplitude_gains, user_gain, coefficients)
+                let (method, coefficients) = (&self.method, &mut coefficients);
+                field.allocate(method, &amplitude_gains, user_gain, coefficients)
             });
         debug_assert!(allocation.is_ok(), "{allocation:?}");
         if let Ok(SlotAllocation { solution, mse }) = allocation {
@@ -333,6 +366,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             command.rate = solution.rate;
             command.status = solution.status;
             command.mse = mse;
+            for (sensor, coefficient) in present.zip(coefficients) {
+                command.sensor_coefficients[sensor] = coefficient;
+            }
         }
         command
     }
@@ -341,7 +377,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// highest gain, an admissible one if possible. (Serving an inadmissible one costs the others
     /// nothing: otherwise the slot would not be used.) Returns `None` where no user is heard.
     fn recipient(&self, planned: usize, gain: impl Fn(usize) -> T) -> Option<usize> {
-        let heard = |user: usize| gain(user) > T::zero();
+        let heard = |user: usize| self.mission.has_user(user) && gain(user) > T::zero();
         if heard(planned) {
             return Some(planned);
         }
@@ -362,6 +398,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         self.fairness.record(command.served_user);
         self.slots_done = command.slot;
         self.under_way = None;
+        self.make_due_changes();
     }
 
     fn planned(&self) -> Result<Plan<T>, ControllerError> {
@@ -405,10 +442,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// model.
     fn best_rate_user(&mut self, waypoint: &Position<T>) -> Option<usize> {
         let state = ChannelState::predicted(&self.mission, self.slots_done + 1, waypoint);
-        let field = self
-            .workspace
-            .sensors(&self.limits, &state.sensor_gains)
-            .ok()?;
+        let present = self.mission.sensors();
+        let gains: Vec<_, J> = present.map(|(j, _)| state.sensor_gains[j]).collect();
+        let field = self.workspace.sensors(&self.limits, &gains).ok()?;
         self.fairness
             .best(|user| field.rate(state.user_gains[user]))
     }

@@ -86,6 +86,18 @@ impl<T: Scalar> SpeedEstimator<T> {
         self.held_m = self.most_m().min(limits.speed_mps * slot_s);
     }
 
+    /// Takes over a changed `V_max`. What the vehicle has shown stays known.
+    pub(super) fn revise<const M: usize, const J: usize>(&mut self, mission: &Mission<T, M, J>) {
+        let before_m = self.reach_m;
+        self.reach_m = mission.reach_m();
+        if self.held_m >= before_m - self.tracking_m {
+            // It was as fast as it was allowed to be.
+            self.held_m = self.held_m.max(self.most_m());
+        }
+        self.short = 0;
+        self.best_m = T::zero();
+    }
+
     /// Returns the longest step that is asked for.
     fn most_m(&self) -> T {
         self.reach_m - self.tracking_m

@@ -33,12 +33,13 @@ impl<T: Scalar> SensorField<'_, T> {
     ) -> Result<SlotAllocation<T>, SlotError<T>> {
         let solution = method.solve(self, user)?;
         let signal_w = user.unwrap_or_default().0 * solution.user_power.0;
-        let received = (amplitude_gains.iter())
-            .zip(coefficients)
-            .map(|(&amplitude, coefficient)| {
-                *coefficient = solution.coefficient_of_amplitude(amplitude);
-                *coefficient * amplitude
-            });
+        let received =
+            (amplitude_gains.iter())
+                .zip(coefficients)
+                .map(|(&amplitude, coefficient)| {
+                    *coefficient = solution.coefficient_of_amplitude(amplitude);
+                    *coefficient * amplitude
+                });
         let noise_w = signal_w + self.limits().noise_power.0;
         let mse = aircomp::mse(received, noise_w, solution.normalizing_factor);
         Ok(SlotAllocation { solution, mse })

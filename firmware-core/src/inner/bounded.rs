@@ -239,7 +239,7 @@ fn promise<T: Scalar>(
     let count = T::count(sensors.len());
     let worst = choice.worst(sensors);
     let eta_squared = choice.eta * choice.eta;
-    let room = count * count * limits.aim().mse_threshold - worst.error;
+    let room = count * count * limits.aim(sensors.len()).mse_threshold - worst.error;
     let mut guarantee = Guarantee {
         status: Status::Guaranteed {
             limited_by: LimitedBy::None,

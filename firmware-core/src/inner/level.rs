@@ -166,7 +166,7 @@ impl<'w, T: Scalar> SensorField<'w, T> {
                 sum: T::zero(),
                 energy: T::one(),
             },
-            kappa: limits.aim().kappa(sensors),
+            kappa: limits.aim(sensors).kappa(sensors),
             limits: *limits,
             noise_amplitude,
             coefficient_max,

@@ -38,11 +38,13 @@ impl<T: Scalar> SlotLimits<T> {
         sensors * (T::one() - sensors * self.mse_threshold)
     }
 
-    /// Returns the same limits with `Gamma` a few units in the last place lower. Solutions aim at
-    /// these, so that rounding does not take the MSE over `Gamma`. This costs less than 1e-5 of the
-    /// rate in single precision.
-    pub(super) fn aim(&self) -> Self {
-        let margin = T::EPSILON * T::of(8.0);
+    /// Returns the same limits with `Gamma` a few units in the last place lower, of 1 where `J Gamma`
+    /// is small and `1 - J Gamma` has lost its last digits. Solutions aim at these, so that rounding
+    /// does not take the MSE over `Gamma`. This costs less than 1e-5 of the rate in single
+    /// precision.
+    pub(super) fn aim(&self, sensors: usize) -> Self {
+        let share = T::count(sensors) * self.mse_threshold;
+        let margin = T::EPSILON * T::of(8.0) * (T::of(0.125) / share).max(T::one());
         Self {
             mse_threshold: self.mse_threshold * (T::one() - margin),
             ..*self

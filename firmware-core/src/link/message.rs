@@ -6,12 +6,12 @@ use super::status::VehicleStatus;
 use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::Tick,
-    controller::{ChannelState, Plan, SlotCommand},
+    controller::{ChannelState, DatedChange, Plan, SlotCommand},
     scalar::{Position, Scalar},
 };
 
 /// The protocol version of this crate. Any change of a message needs a new version.
-pub const PROTOCOL_VERSION: u8 = 3;
+pub const PROTOCOL_VERSION: u8 = 4;
 
 /// The longest frame at the default capacities, in double precision.
 pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
@@ -36,8 +36,11 @@ pub const fn frame_max(users: usize, sensors: usize) -> usize {
     let arrival = (U32 + 2 * REAL + INDEX + 4 * U8) + 2 * REAL + tick;
     let reals = LENGTH + sensors * REAL + 4 * REAL;
     let command = U32 + (U8 + INDEX) + reals + (U8 + REAL) + U8 + U32 + 2 * U16;
-    let status = VehicleStatus::COUNTERS * U32;
-    let message = U8 + larger(larger(state, arrival), larger(command, status));
+    let status = VehicleStatus::COUNTERS * U32 + (U8 + 2 * REAL / 2 + U8);
+    let change = U32 + U32 + (U8 + U16 + 2 * REAL);
+    let to_vehicle = larger(state, change);
+    let to_ground = larger(arrival, larger(command, status));
+    let message = U8 + larger(to_vehicle, to_ground);
     let plain = 1 + message + 4;
     1 + cobs::max_encoding_length(plain) + 1
 }
@@ -55,6 +58,19 @@ pub enum Message<T: Scalar, const M: usize, const J: usize> {
     Command(SlotCommand<T, J>),
     /// To the ground, after every slot: the state of the vehicle.
     Status(VehicleStatus),
+    /// To the vehicle: what is known of the mission has changed.
+    Change(NumberedChange<T>),
+}
+
+/// A change of the mission with its number in the order of all changes, from 1. The vehicle takes
+/// them in this order, and its status says how many it has: the ground repeats the others.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "T: Scalar")]
+pub struct NumberedChange<T: Scalar> {
+    /// The number.
+    pub number: u32,
+    /// The change and its slot.
+    pub change: DatedChange<T>,
 }
 
 /// Reports that the vehicle is at the end of a slot.

@@ -24,7 +24,7 @@ pub mod status;
 pub use error::{FrameError, FrameTooLong};
 pub(crate) use frame::seal;
 pub use frame::{Decoder, encode, encode_as};
-pub use message::{Arrival, FRAME_MAX, Message, PROTOCOL_VERSION, frame_max};
+pub use message::{Arrival, FRAME_MAX, Message, NumberedChange, PROTOCOL_VERSION, frame_max};
 pub use status::{LinkCounters, SlotCounters, VehicleStatus};
 
 #[cfg(test)]

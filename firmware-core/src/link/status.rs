@@ -5,14 +5,15 @@
 //! They are consistent:
 //!
 //! * every delimited piece of the ground link is one of [`LinkCounters`];
-//! * every good message is used, or is one of `states_out_of_turn`, `states_of_wrong_size` and
-//!   `echoes`: `messages = measured + states_out_of_turn + states_of_wrong_size + echoes`, and
-//!   one more while a state waits to be used;
+//! * every good message is used, or is one of `states_out_of_turn`, `states_of_wrong_size`,
+//!   `changes_out_of_turn` and `echoes`: `messages = measured + states_out_of_turn +
+//!   states_of_wrong_size + changes + changes_out_of_turn + echoes`, and one more while a state
+//!   waits to be used;
 //! * every slot is one of `measured` and `stale`: together they are the slots done.
 
 use serde::{Deserialize, Serialize};
 
-use crate::autopilot::wire;
+use crate::{autopilot::wire, policy::PlanQuality};
 
 /// Counters of what a decoder of the ground link has received, one per outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,6 +68,13 @@ pub struct SlotCounters {
     pub states_out_of_turn: u32,
     /// Channel states with a wrong number of gains.
     pub states_of_wrong_size: u32,
+    /// Changes of the mission that were taken, which is the number of the last one.
+    pub changes: u32,
+    /// Changes of these that were refused when they would have come into effect: the mission would
+    /// have been invalid.
+    pub changes_refused: u32,
+    /// Changes that came again, before their turn, or while too many waited for their slot.
+    pub changes_out_of_turn: u32,
     /// Messages that only the vehicle sends.
     pub echoes: u32,
     /// Arrivals that were sent again because no channel state was received.
@@ -75,8 +83,8 @@ pub struct SlotCounters {
     pub unsent: u32,
 }
 
-/// The vehicle's counters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// The vehicle's counters, and the quality of its plan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct VehicleStatus {
     /// Slots done.
     pub slots_done: u32,
@@ -88,9 +96,11 @@ pub struct VehicleStatus {
     pub mavlink: wire::Counters,
     /// MAVLink frames with a correct checksum whose message could not be decoded.
     pub mavlink_unreadable: u32,
+    /// The quality of the plan for the slots that are left, if the policy has a plan.
+    pub plan: Option<PlanQuality>,
 }
 
 impl VehicleStatus {
     /// The number of counters.
-    pub(super) const COUNTERS: usize = 1 + 12 + 6 + 9 + 1;
+    pub(super) const COUNTERS: usize = 1 + 15 + 6 + 9 + 1;
 }

@@ -2,8 +2,9 @@ use super::{frame::CHECKSUM, *};
 use crate::{
     Watt,
     autopilot::Tick,
-    controller::{ChannelSource, ChannelState, Plan, SlotCommand},
+    controller::{ChannelSource, ChannelState, DatedChange, Plan, SlotCommand},
     inner::*,
+    mission::MissionChange,
     scalar::Position,
     shield::Intervention,
     test_missions::table_one,
@@ -65,7 +66,12 @@ fn receive(bytes: &[u8]) -> (StdVec<Result<HostMessage, FrameError>>, LinkCounte
 
 #[test]
 fn messages_survive_and_fit() {
-    for message in [channel_state(7), largest_command(), largest_state()] {
+    for message in [
+        channel_state(7),
+        largest_command(),
+        largest_state(),
+        change(),
+    ] {
         let bytes = frame(&message);
         assert_eq!(receive(&bytes).0, [Ok(message)]);
     }
@@ -95,9 +101,16 @@ fn the_format_is_stable() {
     assert_eq!(
         frame(&message),
         [
-            0, 5, 3, 1, 172, 2, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 3, 192, 3, 2, 1, 1, 1,
-            1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 7, 4, 192, 172, 2, 5, 1, 1, 7, 128, 63, 216,
-            38, 112, 240, 0
+            0, 5, 4, 1, 172, 2, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 3, 192, 3, 2, 1, 1, 1,
+            1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 7, 4, 192, 172, 2, 5, 1, 1, 7, 128, 63, 35,
+            231, 26, 234, 0
+        ]
+    );
+    assert_eq!(
+        frame(&change()),
+        [
+            0, 6, 4, 4, 1, 172, 2, 2, 15, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 6, 192, 139,
+            204, 42, 219, 0
         ]
     );
 }
@@ -137,13 +150,30 @@ fn a_flood_is_dropped_and_the_next_frame_arrives() {
 fn full_status() -> HostMessage {
     let count = u32::MAX;
     let status: VehicleStatus = postcard::from_bytes(
-        &[[0xff; 4].as_slice(), &[0x0f]]
-            .concat()
-            .repeat(VehicleStatus::COUNTERS),
+        &[
+            [0xff, 0xff, 0xff, 0xff, 0x0f].repeat(VehicleStatus::COUNTERS),
+            // A plan: two numbers and a flag.
+            [1, 1, 2, 3, 4, 1, 2, 3, 4, 1].to_vec(),
+        ]
+        .concat(),
     )
     .expect("as many counters as are claimed");
     assert_eq!(status.slots_done, count);
+    assert!(status.plan.is_some());
     Message::Status(status)
+}
+
+fn change() -> HostMessage {
+    Message::Change(NumberedChange {
+        number: 1,
+        change: DatedChange {
+            from_slot: 300,
+            change: MissionChange::User {
+                user: 15,
+                position_m: Position::new(1.0, -2.0),
+            },
+        },
+    })
 }
 
 /// The bound is the length of the longest message, not a guess above it: channel state, here.

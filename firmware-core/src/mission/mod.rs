@@ -8,13 +8,18 @@
 //!   `||q_o - q_f|| <= (N + 1) V_max delta` (arrival means that `q_f` is at most one more slot
 //!   away, eq:traj2 as corrected in `docs/mathematics.md`);
 //! * `Gamma < 1/J`, so that the accuracy constraint is not met trivially.
+//!
+//! What is known of a mission can change in flight: [`Mission::change`]. Users and sensors that left
+//! keep their numbers and are [absent](Mission::has_user).
 
+mod change;
 mod check;
 mod error;
 mod parameters;
 mod tolerance;
 mod validated;
 
+pub use change::{ChangeError, MissionChange};
 pub use check::SLOTS_MAX;
 pub use error::{MissionError, Parameter};
 pub use parameters::{Area, Environment, ExcessLoss, MissionParameters};

@@ -21,8 +21,13 @@ use crate::{
     try_from = "MissionParameters<T, M, J>"
 )]
 pub struct Mission<T: Scalar, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
-    parameters: MissionParameters<T, M, J>,
+    pub(super) parameters: MissionParameters<T, M, J>,
     channel: ChannelModel<T>,
+    /// The users and sensors that left.
+    pub(super) absent_users: [bool; M],
+    pub(super) absent_sensors: [bool; J],
+    /// The number of slots that were done when each user joined; 0 for those from the start.
+    pub(super) joined_after: [u32; M],
 }
 
 impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
@@ -31,30 +36,40 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
     /// # Errors
     /// Returns the first error, in the order of the scenario file.
     pub fn new(parameters: MissionParameters<T, M, J>) -> Result<Self, MissionError<T>> {
-        let p = &parameters;
-        p.check_numbers()?;
-        p.check_places()?;
-        let sensors = T::count(p.sensors.len());
-        if p.mse_threshold * sensors >= T::one() {
-            return Err(MissionError::MseThresholdTooLoose {
-                value: p.mse_threshold,
-                limit: T::one() / sensors,
-                sensors: p.sensors.len(),
-            });
-        }
+        let mission = Self {
+            channel: ChannelModel::new(&parameters),
+            parameters,
+            absent_users: [false; M],
+            absent_sensors: [false; J],
+            joined_after: [0; M],
+        };
+        mission.check()?;
+        let p = &mission.parameters;
         let distance_m = (p.destination - p.start).norm();
-        let reach_m = T::count(p.slots as usize + 1) * p.max_speed_mps * p.slot_duration_s;
+        let reach_m = T::count(p.slots as usize + 1) * mission.reach_m();
         if distance_m > reach_m {
             return Err(MissionError::DestinationOutOfReach {
                 distance_m,
                 reach_m,
             });
         }
-        let channel = ChannelModel::new(p);
-        Ok(Self {
-            parameters,
-            channel,
-        })
+        Ok(mission)
+    }
+
+    /// Checks every parameter by itself, and `Gamma` for the sensors that are there.
+    pub(super) fn check(&self) -> Result<(), MissionError<T>> {
+        let p = &self.parameters;
+        p.check_numbers()?;
+        p.check_places()?;
+        let sensors = self.sensors().count();
+        if p.mse_threshold * T::count(sensors) >= T::one() {
+            return Err(MissionError::MseThresholdTooLoose {
+                value: p.mse_threshold,
+                limit: T::one() / T::count(sensors),
+                sensors,
+            });
+        }
+        Ok(())
     }
 
     /// Returns the parameters of the mission.
@@ -72,17 +87,51 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         self.parameters.slots
     }
 
-    /// Returns `M`, the number of users of the mission (not the capacity).
+    /// Returns `M`, the number of users of the mission (not the capacity), including any that left.
     pub fn user_count(&self) -> usize {
         self.parameters.users.len()
     }
 
-    /// Returns `J`, the number of sensors of the mission (not the capacity).
+    /// Returns `J`, the number of sensors of the mission (not the capacity), including any that
+    /// left.
     pub fn sensor_count(&self) -> usize {
         self.parameters.sensors.len()
     }
 
-    /// Returns `floor(N / M)`, the number of slots that every user must be served in (eq:a3).
+    /// Returns whether the mission has this user now: the number exists, and the user has not left.
+    pub fn has_user(&self, user: usize) -> bool {
+        user < self.user_count() && !self.absent_users[user]
+    }
+
+    /// Returns whether the mission has this sensor now: the number exists, and it has not left.
+    pub fn has_sensor(&self, sensor: usize) -> bool {
+        sensor < self.sensor_count() && !self.absent_sensors[sensor]
+    }
+
+    /// Returns number and position of every user that has not left.
+    pub fn users(&self) -> impl Iterator<Item = (usize, &Position<T>)> + Clone {
+        let users = self.parameters.users.iter().enumerate();
+        users.filter(|&(user, _)| self.has_user(user))
+    }
+
+    /// Returns number and position of every sensor that has not left.
+    pub fn sensors(&self) -> impl Iterator<Item = (usize, &Position<T>)> + Clone {
+        let sensors = self.parameters.sensors.iter().enumerate();
+        sensors.filter(|&(sensor, _)| self.has_sensor(sensor))
+    }
+
+    /// Returns the number of slots that a user must be served in: eq:a3 for the users that are
+    /// there, `floor((N - n) / M)` for one that joined after `n` slots, and 0 for one that left.
+    pub fn quota_of(&self, user: usize) -> u32 {
+        if !self.has_user(user) {
+            return 0;
+        }
+        let slots = self.slots().saturating_sub(self.joined_after[user]);
+        slots / self.users().count() as u32
+    }
+
+    /// Returns `floor(N / M)`, the number of slots that every user must be served in (eq:a3), for a
+    /// mission in which nobody joins or leaves; otherwise see [`quota_of`](Self::quota_of).
     pub fn quota(&self) -> u32 {
         self.parameters.slots / self.parameters.users.len() as u32
     }
@@ -104,7 +153,7 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
     /// Returns the rate that no position can exceed, `log2(1 / (1 - J Gamma))`, bit/s/Hz per slot
     /// (docs/mathematics.md: `f <= J`).
     pub fn slot_rate_limit(&self) -> T {
-        let slack = T::one() - T::count(self.sensor_count()) * self.parameters.mse_threshold;
+        let slack = T::one() - T::count(self.sensors().count()) * self.parameters.mse_threshold;
         -slack.log2()
     }
 }

@@ -6,13 +6,14 @@ use super::{
     memory::{Capacity, Memory, Parts},
     route::Route,
     search::Search,
-    service::{is_fair, reduce_to, serve_in_turn},
+    service::{is_fair, serve_in_turn},
     settings::PlannerSettings,
 };
 use crate::{
-    mission::Mission,
-    policy::{Action, Observation, Policy},
+    mission::{Mission, MissionChange},
+    policy::{Action, Observation, PlanQuality, Policy},
     scalar::{Displacement, Position, Scalar},
+    shield::reduce_to,
 };
 
 /// Error returned when a planner cannot be created for a mission.
@@ -80,6 +81,8 @@ pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
     reach_m: T,
     /// Operations that [`Policy::decide`] may spend.
     operations_per_slot: u64,
+    /// A change was made, and the search that it started has not ended.
+    is_replanning: bool,
 }
 
 impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J> {
@@ -107,6 +110,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
             counts: Vec::new(),
             reach_m,
             operations_per_slot: 0,
+            is_replanning: false,
         };
         planner.check(mission)?;
         let (values, bytes) = planner.memory.parts();
@@ -206,12 +210,12 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let slots = (search.mission.slots() + 1).saturating_sub(self.slot) as usize;
         let route = Route::new(&search.mission, position, slots, self.reach_m);
         let users = search.mission.user_count();
-        let quota = search.mission.quota();
         // The counts of users that may join later are kept, too.
         self.counts = counts.iter().copied().take(M).collect();
         search.least = [0; M];
         for (user, least) in search.least.iter_mut().enumerate().take(users) {
-            *least = quota.saturating_sub(counts.get(user).copied().unwrap_or(0));
+            let count = counts.get(user).copied().unwrap_or(0);
+            *least = search.mission.quota_of(user).saturating_sub(count);
         }
         reduce_to(&mut search.least, slots);
         let mut parts = Parts::carve(&search.capacity, self.memory.parts());
@@ -223,8 +227,10 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
                 parts.best.set_place(slot, route.straight(slot));
             }
         }
-        if !(keep && is_fair(&search.least, users, parts.best.users, slots)) {
-            serve_in_turn(&search.least, users, parts.best.users, slots);
+        let mission = &search.mission;
+        let present = |user| mission.has_user(user);
+        if !(keep && is_fair(&search.least, present, parts.best.users, slots)) {
+            serve_in_turn(&search.least, present, parts.best.users, slots);
         }
         parts.trial.copy_from(&parts.best);
         parts.current.copy_from(&parts.best);
@@ -349,5 +355,30 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
             displacement: waypoint.map_or(Displacement::zeros(), |waypoint| waypoint - here),
             user_scores: (0..users).map(score).collect(),
         }
+    }
+
+    /// Starts a search from the present plan. A change that exceeds the planner's capacity is left
+    /// to the shield.
+    fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
+        let mut mission = self.mission().clone();
+        if mission.change(change, slots_begun).is_ok() {
+            self.is_replanning |= self.change_mission(&mission).is_ok();
+        }
+    }
+
+    /// Goes on with the search that a change has started.
+    fn improve(&mut self, operations: u64) {
+        if self.is_replanning {
+            self.is_replanning = !self.advance(operations).finished;
+        }
+    }
+
+    fn quality(&self) -> Option<PlanQuality> {
+        let number = |value: T| value.to_f64() as f32;
+        Some(PlanQuality {
+            value: number(self.value()),
+            upper_estimate: self.upper_estimate().map_or(0.0, number),
+            is_replanning: self.is_replanning,
+        })
     }
 }

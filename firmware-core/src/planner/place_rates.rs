@@ -20,6 +20,10 @@ pub(super) const GAIN_ENTRIES: usize = INTERVALS + 4;
 /// The largest relative error of the table, in the middle of an interval, at which it is used.
 const TABLE_TOLERANCE: f64 = 2e-5;
 
+/// The rate of a user that left, bit/s/Hz: below every rate and price, so that no assignment serves
+/// it.
+const ABSENT: f64 = -1000.0;
+
 /// The scale of the gain table. Entry `i` is for the horizontal distance `d` with
 /// `d / (d + knee) = (i - 1) / INTERVALS * end`: fine nearby, coarse far away.
 #[derive(Clone, Copy, Debug)]
@@ -127,7 +131,7 @@ impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
     }
 
     /// Calls `visit` with the rate, bit/s/Hz, of every user in `users` with the vehicle over
-    /// `place`; 0 where no choice meets `Gamma`. Worst case: one sort of `J` sensors, then
+    /// `place`; 0 where no choice meets `Gamma`, and [`ABSENT`] for users that left. Worst case: one sort of `J` sensors, then
     /// `O(log J)` per user.
     pub(super) fn each(
         &mut self,
@@ -137,17 +141,20 @@ impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
     ) {
         let p = self.mission.parameters();
         let mut amplitudes = [T::zero(); J];
-        for (amplitude, sensor) in amplitudes.iter_mut().zip(&p.sensors) {
+        let mut count = 0;
+        for ((_, sensor), amplitude) in self.mission.sensors().zip(&mut amplitudes) {
             *amplitude = self
                 .scale
                 .amplitude(self.mission, self.table, place, sensor);
+            count += 1;
         }
         let (scale, table, mission) = (self.scale, self.table, self.mission);
-        let sensors = amplitudes.get(..p.sensors.len()).unwrap_or(&[]);
+        let sensors = amplitudes.get(..count).unwrap_or(&[]);
         let field = self.workspace.sensors_of_amplitude(self.limits, sensors);
         let feasible = field.as_ref().is_ok_and(|field| field.is_feasible());
         for user in users {
             let rate = match (&field, p.users.get(user)) {
+                _ if !mission.has_user(user) => T::of(ABSENT),
                 (Ok(field), Some(user)) if feasible => {
                     let amplitude = scale.amplitude(mission, table, place, user);
                     field.rate(PowerGain(amplitude * amplitude))

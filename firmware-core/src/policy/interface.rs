@@ -3,7 +3,10 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use crate::scalar::{Displacement, Position, Scalar};
+use crate::{
+    mission::MissionChange,
+    scalar::{Displacement, Position, Scalar},
+};
 
 /// The state after slot `n - 1`, from which slot `n` is planned.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,7 +23,17 @@ pub struct Observation<'a, T: Scalar> {
     pub position: Position<T>,
 }
 
-impl<T: Scalar> Observation<'_, T> {
+impl<'a, T: Scalar> Observation<'a, T> {
+    /// Returns the observation of a mission with the first `users` users only, for a policy that was
+    /// made for so many: others may have joined.
+    pub fn of_first_users(&self, users: usize) -> Self {
+        let counts: &'a [u32] = self.counts;
+        Self {
+            counts: counts.get(..users).unwrap_or(counts),
+            ..*self
+        }
+    }
+
     /// Returns the length of the paper's state for a number of users: `[counts; R; MSE; x, y]`.
     pub const fn state_len(users: usize) -> usize {
         users + 4
@@ -48,14 +61,55 @@ pub struct Action<T: Scalar, const M: usize> {
     pub user_scores: Vec<T, M>,
 }
 
+/// The quality of a policy's plan for the slots that are left, for those who watch the flight.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlanQuality {
+    /// The sum of the rates that the plan expects from the coming slot on, bit/s/Hz.
+    pub value: f32,
+    /// An estimate of the largest value that any plan can have, bit/s/Hz; 0 where there is none.
+    pub upper_estimate: f32,
+    /// Whether the plan is being improved after a change.
+    pub is_replanning: bool,
+}
+
 /// A rule that decides every slot of a mission.
 pub trait Policy<T: Scalar, const M: usize> {
     /// Returns the action for the slot that the observation names.
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M>;
+
+    /// Takes note of a change of the mission, made after `slots_begun` slots are done or
+    /// under way. A policy that cannot
+    /// use it decides as before, without a score for users that joined; the shield sees to what
+    /// must be.
+    fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
+        let _ = (change, slots_begun);
+    }
+
+    /// Spends about `operations` on a better plan, if one is wanted, between two decisions.
+    fn improve(&mut self, operations: u64) {
+        let _ = operations;
+    }
+
+    /// Returns the quality of the plan, if the policy has one.
+    fn quality(&self) -> Option<PlanQuality> {
+        None
+    }
 }
 
 impl<T: Scalar, const M: usize, P: Policy<T, M> + ?Sized> Policy<T, M> for &mut P {
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
         (**self).decide(observation)
+    }
+
+    fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
+        (**self).revise(change, slots_begun);
+    }
+
+    fn improve(&mut self, operations: u64) {
+        (**self).improve(operations);
+    }
+
+    fn quality(&self) -> Option<PlanQuality> {
+        (**self).quality()
     }
 }

@@ -15,6 +15,6 @@ pub mod onnx;
 mod provenance;
 mod rules;
 
-pub use interface::{Action, Observation, Policy};
+pub use interface::{Action, Observation, PlanQuality, Policy};
 pub use provenance::{PolicyMismatch, Provenance, REQUIRED_METADATA};
 pub use rules::{FixedPosition, StraightLine};

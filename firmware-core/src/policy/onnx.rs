@@ -217,6 +217,7 @@ impl OnnxPolicy {
 impl<T: Scalar, const M: usize> Policy<T, M> for OnnxPolicy {
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
         let mut state = [T::zero(); 4 + crate::policy::mlp::WIDTH_MAX];
+        let observation = observation.of_first_users(self.provenance().users as usize);
         let len = observation.write_state(&mut state).min(state.len());
         let reach = self.reach_m();
         let outputs = self.run(state[..len].iter().map(|x| x.to_f64() as f32));

@@ -4,7 +4,7 @@ use heapless::Vec;
 
 use super::{Action, Observation, Policy};
 use crate::{
-    mission::Mission,
+    mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
 };
 
@@ -36,6 +36,13 @@ impl<T: Scalar, const M: usize> Policy<T, M> for StraightLine<T, M> {
         Action {
             displacement,
             user_scores: nearness(&self.users, &(observation.position + displacement)),
+        }
+    }
+
+    fn revise(&mut self, change: &MissionChange<T>, _: u32) {
+        match *change {
+            MissionChange::Slots(slots) => self.slots = slots,
+            _ => move_user(&mut self.users, change),
         }
     }
 }
@@ -76,6 +83,24 @@ impl<T: Scalar, const M: usize> Policy<T, M> for FixedPosition<T, M> {
         Action {
             displacement: self.place - observation.position,
             user_scores: nearness(&self.users, &self.place),
+        }
+    }
+
+    fn revise(&mut self, change: &MissionChange<T>, _: u32) {
+        move_user(&mut self.users, change);
+    }
+}
+
+/// Takes over the position of a user that moved or joined.
+fn move_user<T: Scalar, const M: usize>(
+    users: &mut Vec<Position<T>, M>,
+    change: &MissionChange<T>,
+) {
+    if let MissionChange::User { user, position_m } = *change {
+        match users.get_mut(usize::from(user)) {
+            Some(place) => *place = position_m,
+            // The mission has accepted the user, so it has the next number and there is capacity.
+            None => drop(users.push(position_m)),
         }
     }
 }

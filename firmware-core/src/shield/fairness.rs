@@ -10,7 +10,8 @@ use crate::{mission::Mission, scalar::Scalar};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fairness<const M: usize> {
     counts: Vec<u32, M>,
-    quota: u32,
+    /// The quota of every user, or `None` for one that left.
+    quotas: Vec<Option<u32>, M>,
     slots: u32,
     slots_done: u32,
 }
@@ -18,15 +19,45 @@ pub struct Fairness<const M: usize> {
 impl<const M: usize> Fairness<M> {
     /// Creates the state before the first slot.
     pub fn new<T: Scalar, const J: usize>(mission: &Mission<T, M, J>) -> Self {
-        let mut counts = Vec::new();
-        // The mission's users fit: they come from a vector of the same capacity.
-        let _ = counts.resize(mission.user_count(), 0);
-        Self {
-            counts,
-            quota: mission.quota(),
-            slots: mission.slots(),
+        let mut fairness = Self {
+            counts: Vec::new(),
+            quotas: Vec::new(),
+            slots: 0,
             slots_done: 0,
+        };
+        fairness.revise(mission, None);
+        fairness
+    }
+
+    /// Takes over what has changed of the mission: users that joined or left, the number of slots.
+    /// Where the quotas can no longer be met in the slots that are left, those of the users that
+    /// are owed most are reduced. `under_way` is the user of the slot under way, if there is one: this
+    /// slot is no longer free.
+    pub fn revise<T: Scalar, const J: usize>(
+        &mut self,
+        mission: &Mission<T, M, J>,
+        under_way: Option<usize>,
+    ) {
+        let users = 0..mission.user_count();
+        // The mission's users fit: they come from a vector of the same capacity.
+        let _ = self.counts.resize(users.end, 0);
+        self.slots = mission.slots();
+        let begun = self.slots_done + u32::from(under_way.is_some());
+        let slots_left = self.slots.saturating_sub(begun);
+        let mut owed = [0; M];
+        for (user, (owed, &count)) in owed.iter_mut().zip(&self.counts).enumerate() {
+            let count = count + u32::from(under_way == Some(user));
+            *owed = mission.quota_of(user).saturating_sub(count);
         }
+        let all = owed;
+        reduce_to(&mut owed, slots_left as usize);
+        self.quotas = users
+            .map(|user| {
+                let reduction = all[user] - owed[user];
+                let quota = mission.quota_of(user) - reduction;
+                mission.has_user(user).then_some(quota)
+            })
+            .collect();
     }
 
     /// Returns the number of slots that each user was served in so far.
@@ -34,23 +65,34 @@ impl<const M: usize> Fairness<M> {
         &self.counts
     }
 
-    /// Returns `sum_k max(0, floor(N/M) - count_k)`, the number of slots that are still needed for
-    /// the quotas.
+    /// Returns the quota of a user: the number of slots that it must be served in; `None` for one
+    /// that left or does not exist.
+    pub fn quota(&self, user: usize) -> Option<u32> {
+        self.quotas.get(user).copied().flatten()
+    }
+
+    /// Returns the number of slots that a user is still owed.
+    fn owed_to(&self, user: usize) -> u32 {
+        let count = self.counts.get(user).copied().unwrap_or(0);
+        self.quota(user).unwrap_or(0).saturating_sub(count)
+    }
+
+    /// Returns `sum_k max(0, quota_k - count_k)`, the number of slots that are still needed for the
+    /// quotas.
     pub fn owed(&self) -> u32 {
-        self.counts
-            .iter()
-            .map(|&count| self.quota.saturating_sub(count))
-            .sum()
+        (0..self.counts.len()).map(|user| self.owed_to(user)).sum()
     }
 
     /// Returns whether the quotas can still be met if `user` is served in the coming slot.
     pub fn admits(&self, user: usize) -> bool {
-        let Some(&count) = self.counts.get(user) else {
-            return false;
-        };
-        let owed_after = self.owed() - u32::from(count < self.quota);
+        self.admits_beside(self.owed(), user)
+    }
+
+    /// As [`admits`](Self::admits), with the sum of what is owed.
+    fn admits_beside(&self, owed: u32, user: usize) -> bool {
+        let owed_after = owed - u32::from(self.owed_to(user) > 0);
         let slots_after = self.slots.saturating_sub(self.slots_done + 1);
-        owed_after <= slots_after
+        self.quota(user).is_some() && owed_after <= slots_after
     }
 
     /// Returns the admissible user with the highest score, the first of equals. Such a user always
@@ -58,9 +100,10 @@ impl<const M: usize> Fairness<M> {
     /// user below its quota is admissible.
     pub fn best<T: PartialOrd>(&self, score: impl Fn(usize) -> T) -> Option<usize> {
         let users = 0..self.counts.len();
-        let lost = !users.clone().any(|user| self.admits(user));
+        let owed = self.owed();
+        let lost = !users.clone().any(|user| self.admits_beside(owed, user));
         let admissible =
-            |&user: &usize| self.admits(user) || (lost && self.counts[user] < self.quota);
+            |&user: &usize| self.admits_beside(owed, user) || (lost && self.owed_to(user) > 0);
         let mut best: Option<(usize, T)> = None;
         for user in users.filter(admissible) {
             let value = score(user);
@@ -79,25 +122,39 @@ impl<const M: usize> Fairness<M> {
         }
     }
 
-    /// Returns whether every user was served in its `floor(N/M)` slots.
+    /// Returns whether every user that is there was served in as many slots as its quota.
     pub fn is_fair(&self) -> bool {
         self.owed() == 0
     }
 }
 
-/// Returns whether a policy's scores are usable: one per user, all finite.
-pub fn scores_are_sound<T: Scalar>(scores: &[T], users: usize) -> bool {
-    scores.len() == users && scores.iter().all(|score| score.finite())
+/// Reduces the remaining quotas of the users to `slots` in all, the largest first.
+pub(crate) fn reduce_to<const M: usize>(owed: &mut [u32; M], slots: usize) {
+    let sum = |owed: &[u32; M]| -> usize { owed.iter().map(|&count| count as usize).sum() };
+    while sum(owed) > slots {
+        let Some(largest) = owed.iter_mut().max() else {
+            return;
+        };
+        *largest -= 1;
+    }
 }
 
-/// Returns the admissible user with the highest score. The scores must be
-/// [usable](scores_are_sound).
+/// Returns whether a policy's scores are usable: all finite, one for each of the `users` that it was
+/// made for, and none or one for those that joined.
+pub fn scores_are_sound<T: Scalar>(scores: &[T], users: core::ops::RangeInclusive<usize>) -> bool {
+    users.contains(&scores.len()) && scores.iter().all(|score| score.finite())
+}
+
+/// Returns the admissible user with the highest score; one without a score comes last. The scores
+/// must be [usable](scores_are_sound).
 pub fn admissible_user<T: Scalar, const M: usize>(
     fairness: &Fairness<M>,
     scores: &[T],
     changed: &mut Intervention,
 ) -> Option<usize> {
-    let chosen = fairness.best(|user| scores[user])?;
-    changed.user |= scores.iter().any(|&score| score > scores[chosen]);
+    let lowest = T::of(f64::NEG_INFINITY);
+    let score = |user: usize| scores.get(user).copied().unwrap_or(lowest);
+    let chosen = fairness.best(score)?;
+    changed.user |= scores.iter().any(|&other| other > score(chosen));
     Some(chosen)
 }

@@ -172,7 +172,8 @@ impl<B: AsRef<[u8]>> Mlp<B> {
 impl<T: Scalar, B: AsRef<[u8]>, const M: usize> Policy<T, M> for Mlp<B> {
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
         let mut state = [T::zero(); WIDTH_MAX];
-        observation.write_state(&mut state);
+        let users = self.provenance().users as usize;
+        observation.of_first_users(users).write_state(&mut state);
         let mut buffer = state.map(|x| x.to_f64() as f32);
         let outputs = self.run(&mut buffer);
         let number = |&x: &f32| T::of(x.into());

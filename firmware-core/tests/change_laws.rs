@@ -1,0 +1,241 @@
+//! Laws of a mission whose knowledge changes in flight: whatever changes, valid or not, every slot
+//! keeps its constraints, those who are there are treated fairly, and nothing panics.
+
+use firmware_core::{
+    Mission, Position, PowerGain, Scalar, Watt, aircomp,
+    controller::{ChannelState, Controller, DatedChange, SlotCommand},
+    mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters, rounding_m},
+    planner::{Capacity, Planner},
+    policy::{Policy, StraightLine},
+};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+const M: usize = 6;
+const J: usize = 9;
+
+fn place<T: Scalar>(random: &mut Pcg64Mcg) -> Position<T> {
+    let mut along = || T::of(random.random_range(0.0..=600.0));
+    Position::new(along(), along())
+}
+
+fn mission<T: Scalar>(random: &mut Pcg64Mcg) -> Mission<T, M, J> {
+    let users = random.random_range(1..=M);
+    let sensors = random.random_range(1..=J);
+    Mission::new(MissionParameters {
+        slots: random.random_range(1..30),
+        slot_duration_s: T::one(),
+        start: place(random),
+        destination: place(random),
+        area: Area {
+            east_m: T::of(600.0),
+            north_m: T::of(600.0),
+        },
+        altitude_m: T::of(100.0),
+        max_speed_mps: T::of(random.random_range(500.0..900.0)),
+        carrier_hz: T::of(2e9),
+        environment: Environment {
+            a: T::of(9.613),
+            b: T::of(0.158),
+        },
+        excess_loss_db: ExcessLoss {
+            los: T::one(),
+            nlos: T::of(20.0),
+        },
+        noise_power: Watt::from_dbm(T::of(-95.0)),
+        mse_threshold: T::of(random.random_range(0.1..0.95) / sensors as f64),
+        user_power_max: Watt(T::of(0.2)),
+        sensor_power_max: Watt(T::of(0.05)),
+        users: (0..users).map(|_| place(random)).collect(),
+        sensors: (0..sensors).map(|_| place(random)).collect(),
+    })
+    .expect("a valid mission")
+}
+
+/// Any change; about one in three is refused by most missions.
+fn change<T: Scalar>(random: &mut Pcg64Mcg) -> MissionChange<T> {
+    let user = random.random_range(0..M as u16 + 2);
+    let sensor = random.random_range(0..J as u16 + 2);
+    let position_m = match random.random_range(0..8) {
+        0 => Position::new(T::of(f64::NAN), T::zero()),
+        1 => Position::new(T::of(-1.0), T::of(700.0)),
+        _ => place(random),
+    };
+    match random.random_range(0..8) {
+        0 => MissionChange::User { user, position_m },
+        1 => MissionChange::UserLeft { user },
+        2 => MissionChange::Sensor { sensor, position_m },
+        3 => MissionChange::SensorLeft { sensor },
+        4 => MissionChange::MseThreshold(T::of(random.random_range(-0.01..0.2))),
+        5 => MissionChange::NoisePower(Watt::from_dbm(T::of(random.random_range(-110.0..-70.0)))),
+        6 => MissionChange::MaxSpeed(T::of(random.random_range(-10.0..900.0))),
+        _ => MissionChange::Slots(random.random_range(0..35)),
+    }
+}
+
+/// Checks a command against the mission as it is now, with the average over the sensors that are
+/// there.
+fn check_command<T: Scalar>(
+    mission: &Mission<T, M, J>,
+    state: &ChannelState<T, M, J>,
+    command: &SlotCommand<T, J>,
+) {
+    command.check(mission).expect("keeps the rules");
+    let user = command.served_user.expect("every gain is heard");
+    assert!(mission.has_user(user), "user {user} has left");
+    let coefficients = &command.sensor_coefficients;
+    for (sensor, &coefficient) in coefficients.iter().enumerate() {
+        assert!(mission.has_sensor(sensor) || coefficient == T::zero());
+    }
+    let present = mission.sensors().map(|(sensor, _)| sensor);
+    let gains: Vec<PowerGain<T>> = present.clone().map(|j| state.sensor_gains[j]).collect();
+    let coefficients: Vec<T> = present.map(|j| coefficients[j]).collect();
+    let slot = aircomp::Slot {
+        sensor_gains: &gains,
+        sensor_coefficients: &coefficients,
+        user_gain: state.user_gains[user],
+        user_power: command.user_power,
+        noise_power: mission.parameters().noise_power,
+    };
+    let mse = slot.mse(command.normalizing_factor);
+    let difference = (mse - command.mse).abs();
+    assert!(
+        difference <= command.mse * T::of(1e-4),
+        "{mse} {}",
+        command.mse
+    );
+}
+
+/// What a flight has shown.
+#[derive(Default)]
+struct Seen {
+    changes: u32,
+    refused: u32,
+    joined: u32,
+    out_of_reach: u32,
+}
+
+fn fly<T: Scalar>(
+    policy: impl FnOnce(&Mission<T, M, J>) -> Box<dyn Policy<T, M>>,
+    random: &mut Pcg64Mcg,
+    seen: &mut Seen,
+) {
+    let mission = mission::<T>(random);
+    let users_before = mission.user_count();
+    let mut controller = Controller::new(mission.clone(), BoxedPolicy(policy(&mission)));
+    let mut here = mission.parameters().start;
+    let mut reachable = true;
+    while !controller.is_over() {
+        let slots_left = controller.mission().slots() - controller.slots_done();
+        let reach_m = controller.mission().reach_m();
+        let way_m = (here - mission.parameters().destination).norm();
+        reachable &= way_m <= T::count(slots_left as usize + 1) * reach_m;
+        let plan = controller.plan(here).expect("at rest");
+        let slack_m = rounding_m(&mission.parameters().area, reach_m) * T::of(4.0);
+        let step_m = (plan.waypoint - here).norm();
+        assert!(step_m <= reach_m + slack_m, "{step_m} m of {reach_m} m");
+        assert!(mission.parameters().area.contains(&plan.waypoint));
+        assert!(controller.mission().has_user(plan.served_user));
+        here = plan.waypoint;
+        for _ in 0..random.random_range(0..3) {
+            let change = DatedChange {
+                from_slot: plan.slot + random.random_range(0..3),
+                change: change(random),
+            };
+            seen.changes += u32::from(controller.note_change(&change));
+        }
+        controller.improve_plan(20_000);
+        let quality = controller.policy().quality();
+        assert!(quality.is_none_or(|quality| quality.value.is_finite()));
+        let state = ChannelState::predicted(controller.mission(), plan.slot, &here);
+        let before = controller.mission().clone();
+        let command = controller.allocate(&state).expect("under way");
+        check_command(&before, &state, &command);
+    }
+    // The last change may have taken the slots that were left.
+    let slots_left = controller.mission().slots() - controller.slots_done();
+    let way_m = (here - mission.parameters().destination).norm();
+    let reach_m = controller.mission().reach_m();
+    reachable &= way_m <= T::count(slots_left as usize + 1) * reach_m;
+    if reachable {
+        assert!(
+            controller.mission().has_arrived(&here),
+            "{way_m} m of {reach_m} m"
+        );
+    }
+    assert!(
+        controller.fairness().is_fair(),
+        "{:?}",
+        controller.fairness()
+    );
+    seen.refused += controller.changes_refused();
+    seen.joined += u32::from(controller.mission().user_count() > users_before);
+    seen.out_of_reach += u32::from(!reachable);
+}
+
+struct BoxedPolicy<T: Scalar>(Box<dyn Policy<T, M>>);
+
+impl<T: Scalar> Policy<T, M> for BoxedPolicy<T> {
+    fn decide(
+        &mut self,
+        observation: &firmware_core::policy::Observation<'_, T>,
+    ) -> firmware_core::policy::Action<T, M> {
+        self.0.decide(observation)
+    }
+
+    fn revise(&mut self, change: &MissionChange<T>, slots_done: u32) {
+        self.0.revise(change, slots_done);
+    }
+
+    fn improve(&mut self, operations: u64) {
+        self.0.improve(operations);
+    }
+
+    fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {
+        self.0.quality()
+    }
+}
+
+fn with_planner<T: Scalar + 'static>(mission: &Mission<T, M, J>) -> Box<dyn Policy<T, M>> {
+    let capacity = Capacity {
+        nodes: 9 * 9,
+        stages: 12,
+        ..Capacity::new(35, M)
+    };
+    let memory = (
+        vec![T::zero(); capacity.values()],
+        vec![0; capacity.indices()],
+    );
+    let mut planner = Planner::new(mission, capacity, memory).expect("enough memory");
+    planner.advance(200_000);
+    Box::new(planner.with_operations_per_slot(20_000))
+}
+
+fn with_straight_line<T: Scalar + 'static>(mission: &Mission<T, M, J>) -> Box<dyn Policy<T, M>> {
+    Box::new(StraightLine::new(mission))
+}
+
+#[test]
+fn whatever_changes_the_constraints_hold() {
+    let mut random = Pcg64Mcg::seed_from_u64(16);
+    let mut seen = Seen::default();
+    for _ in 0..300 {
+        fly::<f64>(with_planner, &mut random, &mut seen);
+        fly::<f32>(with_planner, &mut random, &mut seen);
+        fly::<f64>(with_straight_line, &mut random, &mut seen);
+        fly::<f32>(with_straight_line, &mut random, &mut seen);
+    }
+    // The flights have shown what they are meant to show.
+    assert!(
+        seen.changes > 5_000 && seen.joined > 100,
+        "{} {}",
+        seen.changes,
+        seen.joined
+    );
+    assert!(
+        seen.refused > 500 && seen.refused < seen.changes / 2,
+        "{}",
+        seen.refused
+    );
+    assert!(seen.out_of_reach < 1_000, "{}", seen.out_of_reach);
+}
