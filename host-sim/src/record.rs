@@ -2,17 +2,17 @@
 //! The files are written by `report`.
 
 use firmware_core::{
-    Position,
+    Position, USERS_MAX,
     autopilot::Tick,
     controller::ChannelSource,
     inner::LimitedBy,
     link::{LinkCounters, VehicleStatus},
     mission::MEASUREMENT_M,
-    shield::Intervention,
+    shield::{Fairness, Intervention},
 };
 use serde::Serialize;
 
-use scenario::Scenario;
+use scenario::{Events, HostMission, Scenario, Timeline};
 
 /// A flown mission.
 #[derive(Clone, Debug)]
@@ -31,6 +31,8 @@ pub struct FlightRecord {
     pub slots: Vec<SlotRecord>,
     /// The true positions of the vehicle in order of time, from the start of slot 1.
     pub path: Vec<PathSample>,
+    /// The changes of the mission that happened in flight.
+    pub changes: Events,
     /// The events of the autopilot and its client, in order.
     pub events: Vec<FlightEvent>,
     /// The frames that were received and lost on the ground link.
@@ -216,7 +218,9 @@ pub struct Summary {
     pub arrival_distance_m: f64,
     /// Whether that distance is at most `V_max delta`.
     pub arrived: bool,
-    /// Whether every user was served in at least `floor(N/M)` slots.
+    /// Whether every user that is there at the end was served in at least `floor(N/M)` slots, or,
+    /// where users joined or left or slots were lost, in its quota
+    /// ([`Fairness`](firmware_core::shield::Fairness)).
     pub fair: bool,
     /// The largest distance between a waypoint and the reached position, metres.
     pub planned_vs_flown_m: f64,
@@ -241,6 +245,8 @@ pub struct Summary {
     pub plan_us: Timing,
     /// The frames and counters of the ground link at both ends.
     pub link: LinkRecord,
+    /// The number of changes of the mission in flight.
+    pub mission_changes: usize,
     /// The seed of the drawn signals.
     pub seed: u64,
     /// The version of this program.
@@ -250,9 +256,11 @@ pub struct Summary {
 impl FlightRecord {
     /// Returns the summary of this flight.
     pub fn summary(&self) -> Summary {
-        let mission = &self.scenario.mission;
+        let timeline = self.timeline();
+        let mission = timeline.at_end();
         let p = mission.parameters();
         let users = self.users();
+        let limits = (1..=mission.slots()).map(|slot| timeline.in_slot(slot).slot_rate_limit());
         let last = self.slots.last().map_or(p.start, |slot| slot.flown);
         let arrival_distance_m = (last - p.destination).norm();
         let (ratio, standard_error) = self.empirical_mse_ratio();
@@ -272,20 +280,24 @@ impl FlightRecord {
             ended: self.ended.clone(),
             slots: self.slots.len(),
             sum_rate: self.slots.iter().map(|slot| slot.rate).sum(),
-            sum_rate_physical_limit: f64::from(mission.slots()) * mission.slot_rate_limit(),
-            fair: users.iter().all(|user| user.slots >= mission.quota()),
+            sum_rate_physical_limit: match self.changes.changes() {
+                [] => f64::from(mission.slots()) * mission.slot_rate_limit(),
+                _ => limits.sum(),
+            },
+            fair: self.fairness(&timeline).owed() == 0,
             users,
             mse_max: self.slots.iter().map(|slot| slot.mse).fold(0.0, f64::max),
             mse_threshold: p.mse_threshold,
             mse_violations: self
                 .slots
                 .iter()
-                .filter(|slot| self.violates_mse(slot))
+                .filter(|slot| violates_mse(timeline.in_slot(slot.slot), slot))
                 .count(),
             empirical_mse_ratio: ratio,
             empirical_mse_ratio_standard_error: standard_error,
             estimate_error_rms: (squares.sum::<f64>() / self.slots.len().max(1) as f64).sqrt(),
-            constraint_violations: self.constraint_violations(),
+            constraint_violations: self.constraint_violations(&timeline),
+            mission_changes: self.changes.changes().len(),
             shield_interventions: self
                 .slots
                 .iter()
@@ -336,10 +348,23 @@ impl FlightRecord {
         }
     }
 
-    /// Returns whether the average of a slot is less accurate than required.
-    pub fn violates_mse(&self, slot: &SlotRecord) -> bool {
-        let threshold = self.scenario.mission.parameters().mse_threshold;
-        slot.mse > threshold * (1.0 + 1e-9)
+    /// Returns the mission as it was in each slot.
+    pub fn timeline(&self) -> Timeline {
+        self.changes.timeline(&self.scenario.mission)
+    }
+
+    /// Returns what the users were owed at the end.
+    pub fn fairness(&self, timeline: &Timeline) -> Fairness<USERS_MAX> {
+        let mut fairness = Fairness::new(&self.scenario.mission);
+        let mut slots = self.slots.iter().peekable();
+        for slot in 1..=timeline.at_end().slots() {
+            if slot > 1 && timeline.version_in(slot) != timeline.version_in(slot - 1) {
+                fairness.revise(timeline.in_slot(slot), None);
+            }
+            let record = slots.next_if(|record| record.slot == slot);
+            fairness.record(record.and_then(|record| record.served_user));
+        }
+        fairness
     }
 
     /// Returns the slots and the data of every user.
@@ -348,7 +373,7 @@ impl FlightRecord {
             slots: 0,
             data: 0.0,
         };
-        let mut users = vec![none; self.scenario.mission.user_count()];
+        let mut users = vec![none; self.timeline().at_end().user_count()];
         for slot in &self.slots {
             if let Some(user) = slot.served_user.and_then(|user| users.get_mut(user)) {
                 user.slots += 1;
@@ -378,9 +403,8 @@ impl FlightRecord {
     /// Returns the number of violated constraints: steps longer than `V_max delta`, positions
     /// outside the area and, for a mission that was flown to its end, a destination out of reach
     /// and users below their quota. A flight that was aborted is reported as such elsewhere.
-    fn constraint_violations(&self) -> usize {
-        let mission = &self.scenario.mission;
-        let p = mission.parameters();
+    fn constraint_violations(&self, timeline: &Timeline) -> usize {
+        let p = self.scenario.mission.parameters();
         let mut violations = 0;
         let mut from = p.start;
         for slot in &self.slots {
@@ -389,7 +413,8 @@ impl FlightRecord {
                 continue;
             }
             let step_m = (slot.flown - from).norm();
-            violations += usize::from(step_m > mission.reach_m() + MEASUREMENT_M);
+            let reach_m = timeline.in_slot(slot.slot).reach_m();
+            violations += usize::from(step_m > reach_m + MEASUREMENT_M);
             let nearest = Position::new(
                 slot.flown.x.clamp(0.0, p.area.east_m),
                 slot.flown.y.clamp(0.0, p.area.north_m),
@@ -400,11 +425,20 @@ impl FlightRecord {
         if !self.completed {
             return violations;
         }
+        let mission = timeline.at_end();
         violations += usize::from(!mission.has_arrived(&from));
         violations += usize::from(self.slots.len() != mission.slots() as usize);
-        let short = |user: &&UserSummary| user.slots < mission.quota();
-        violations + self.users().iter().filter(short).count()
+        let (fairness, users) = (self.fairness(timeline), self.users());
+        let short = |(user, served): &(usize, &UserSummary)| {
+            fairness.quota(*user).is_some_and(|quota| served.slots < quota)
+        };
+        violations + users.iter().enumerate().filter(short).count()
     }
+}
+
+/// Returns whether the average of a slot is less accurate than its mission requires.
+pub fn violates_mse(mission: &HostMission, slot: &SlotRecord) -> bool {
+    slot.mse > mission.parameters().mse_threshold * (1.0 + 1e-9)
 }
 
 fn timing(values: impl Iterator<Item = f64>) -> Timing {

@@ -9,7 +9,7 @@
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 use firmware_core::{
-    Position, SENSORS_MAX, USERS_MAX, aircomp,
+    Position, PowerGain, SENSORS_MAX, USERS_MAX, aircomp,
     controller::{ChannelState, SlotCommand},
     inner::{Method, SlotLimits, Workspace},
 };
@@ -19,7 +19,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 use crate::{nomographic::Nomographic, record::SignalRecord};
-use scenario::Scenario;
+use scenario::{Events, HostMission, Scenario, Timeline};
 
 /// The channel state that the host sends.
 pub type HostChannelState = ChannelState<f64, USERS_MAX, SENSORS_MAX>;
@@ -29,12 +29,39 @@ pub type HostSlotCommand = SlotCommand<f64, SENSORS_MAX>;
 /// Everything outside the vehicle.
 #[derive(Clone, Debug)]
 pub struct World {
-    scenario: Scenario,
+    /// The mission as it is in each slot.
+    timeline: Timeline,
+    /// What is measured under each version of the mission.
+    sensing: Vec<SensedValues>,
+    seed: u64,
+    symbols_per_slot: u32,
+}
+
+/// The measurements of the sensors that are there.
+#[derive(Clone, Debug)]
+struct SensedValues {
     function: Nomographic,
     /// The measurements, indexed by slot and sensor, in the scenario's unit.
     measurements: Vec<Vec<f64>>,
-    seed: u64,
-    symbols_per_slot: u32,
+}
+
+impl SensedValues {
+    fn new(scenario: &Scenario, mission: &HostMission) -> Self {
+        let all = scenario.sensing.measurements(mission);
+        let of_present = |values: &[f64]| -> Vec<f64> {
+            let present = mission.sensors().map(|(sensor, _)| sensor);
+            // A sensor that joined has the weight of an average one.
+            let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+            let value = |sensor: usize| values.get(sensor).copied().unwrap_or(mean);
+            present.map(value).collect()
+        };
+        let measurements: Vec<_> = all.iter().map(|row| of_present(row)).collect();
+        let weights = of_present(&scenario.sensing.weights);
+        Self {
+            function: Nomographic::new(scenario.sensing.function, &weights, &measurements),
+            measurements,
+        }
+    }
 }
 
 /// The true result of a slot command.
@@ -52,36 +79,49 @@ pub struct SlotOutcome {
 pub const SYMBOLS_PER_SLOT: u32 = 400;
 
 impl World {
-    /// Creates the world of a scenario. The same `seed` draws the same signals in every slot,
-    /// whatever the policy does.
-    pub fn new(scenario: &Scenario, seed: u64, symbols_per_slot: u32) -> Self {
-        let measurements = scenario.sensing.measurements(&scenario.mission);
+    /// Creates the world of a scenario in which these events happen. The same `seed` draws the same
+    /// signals in every slot, whatever the policy does.
+    pub fn new(scenario: &Scenario, events: &Events, seed: u64, symbols_per_slot: u32) -> Self {
+        let timeline = events.timeline(&scenario.mission);
+        let versions = timeline.versions().iter();
         Self {
-            function: Nomographic::new(
-                scenario.sensing.function,
-                &scenario.sensing.weights,
-                &measurements,
-            ),
-            scenario: scenario.clone(),
-            measurements,
+            sensing: versions
+                .map(|(_, mission)| SensedValues::new(scenario, mission))
+                .collect(),
+            timeline,
             seed,
             symbols_per_slot: symbols_per_slot.max(1),
         }
     }
 
+    /// Returns the mission as it is in each slot.
+    pub fn timeline(&self) -> &Timeline {
+        &self.timeline
+    }
+
     /// Returns whether the mission has this slot: 1 to `N`.
     pub fn has_slot(&self, slot: u32) -> bool {
-        (1..=self.scenario.mission.slots()).contains(&slot)
+        (1..=self.timeline.in_slot(slot).slots()).contains(&slot)
     }
 
-    /// Returns whether the mission has this user: 0 to `M - 1`.
-    pub fn has_user(&self, user: usize) -> bool {
-        user < self.scenario.mission.user_count()
+    /// Returns whether the mission has this user in a slot: 0 to `M - 1`.
+    pub fn has_user(&self, slot: u32, user: usize) -> bool {
+        user < self.timeline.in_slot(slot).user_count()
     }
 
-    /// Returns the channels of a slot with the vehicle at `vehicle`.
+    /// Returns the channels of a slot with the vehicle at `vehicle`; 0 for users and sensors that
+    /// left.
     pub fn channel_state(&self, slot: u32, vehicle: &Position<f64>) -> HostChannelState {
-        ChannelState::predicted(&self.scenario.mission, slot, vehicle)
+        let mission = self.timeline.in_slot(slot);
+        let mut state = ChannelState::predicted(mission, slot, vehicle);
+        let silence = PowerGain(0.0);
+        for (user, gain) in state.user_gains.iter_mut().enumerate() {
+            *gain = if mission.has_user(user) { *gain } else { silence };
+        }
+        for (sensor, gain) in state.sensor_gains.iter_mut().enumerate() {
+            *gain = if mission.has_sensor(sensor) { *gain } else { silence };
+        }
+        state
     }
 
     /// Returns the result of a slot in which all users and sensors obey `command`, with the vehicle
@@ -90,11 +130,17 @@ impl World {
     /// # Panics
     /// Panics if the mission does not have the command's [slot](Self::has_slot).
     pub fn transmit(&self, command: &HostSlotCommand, vehicle: &Position<f64>) -> SlotOutcome {
-        let mission = &self.scenario.mission;
+        let mission = self.timeline.in_slot(command.slot);
         let truth = self.channel_state(command.slot, vehicle);
+        let present = mission.sensors().map(|(sensor, _)| sensor);
+        let gains: Vec<_> = present.clone().map(|j| truth.sensor_gains[j]).collect();
+        let coefficient = |sensor: usize| command.sensor_coefficients.get(sensor);
+        let coefficients: Vec<_> = present
+            .map(|j| coefficient(j).copied().unwrap_or(0.0))
+            .collect();
         let slot = aircomp::Slot {
-            sensor_gains: &truth.sensor_gains,
-            sensor_coefficients: &command.sensor_coefficients,
+            sensor_gains: &gains,
+            sensor_coefficients: &coefficients,
             user_gain: command
                 .served_user
                 .and_then(|user| truth.user_gains.get(user))
@@ -123,9 +169,12 @@ impl World {
         vehicle: &Position<f64>,
     ) -> f64 {
         let state = self.channel_state(slot, vehicle);
+        let mission = self.timeline.in_slot(slot);
         let mut workspace = Workspace::<f64, SENSORS_MAX>::default();
-        let limits = SlotLimits::of_mission(&self.scenario.mission);
-        let field = workspace.sensors(&limits, &state.sensor_gains);
+        let limits = SlotLimits::of_mission(mission);
+        let present = mission.sensors().map(|(sensor, _)| sensor);
+        let gains: Vec<_> = present.map(|j| state.sensor_gains[j]).collect();
+        let field = workspace.sensors(&limits, &gains);
         let solution =
             field.and_then(|field| method.solve(&field, user.map(|user| state.user_gains[user])));
         // The gains of the channel model always form a valid slot problem.
@@ -148,16 +197,20 @@ impl World {
             squares += (estimate(received) - average(&symbols)).norm_sqr();
         }
 
-        let measured = &self.measurements[command.slot as usize - 1];
-        let own = self.function.pre_process(measured);
+        let SensedValues {
+            function,
+            measurements,
+        } = &self.sensing[self.timeline.version_in(command.slot)];
+        let measured = &measurements[command.slot as usize - 1];
+        let own = function.pre_process(measured);
         let own: Vec<_> = own.into_iter().map(Complex::from).collect();
         let received = air.superpose(&own, &mut random);
         SignalRecord {
             empirical_mse: squares / f64::from(self.symbols_per_slot),
             symbols: self.symbols_per_slot,
-            true_value: self.function.true_value(measured),
+            true_value: function.true_value(measured),
             // The measurements are real, so the estimate is the real part.
-            estimate: self.function.post_process(estimate(received).re),
+            estimate: function.post_process(estimate(received).re),
         }
     }
 }
@@ -222,7 +275,7 @@ mod tests {
     #[test]
     fn empirical_mse_meets_the_analytic_one() {
         let scenario = generate(Topology::Separated, 1, 15, 36).unwrap();
-        let world = World::new(&scenario, 7, 20_000);
+        let world = World::new(&scenario, &Events::default(), 7, 20_000);
         let mission = scenario.mission.clone();
         let mut controller = Controller::new(mission.clone(), StraightLine::new(&mission));
         let mut place = mission.parameters().start;
@@ -254,7 +307,7 @@ mod tests {
         let mut controller = Controller::new(mission.clone(), StraightLine::new(mission));
         controller.plan(place).unwrap();
         let outcome = |seed| {
-            let world = World::new(&scenario, seed, 50);
+            let world = World::new(&scenario, &Events::default(), seed, 50);
             let command = controller
                 .clone()
                 .allocate(&world.channel_state(1, &place))

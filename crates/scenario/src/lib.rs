@@ -7,6 +7,7 @@
 #![deny(missing_docs)]
 
 mod choice;
+mod events;
 mod random;
 mod rates;
 mod sensing;
@@ -28,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 pub use choice::{Changes, ScenarioChoice};
+pub use events::{Events, Timeline};
 pub use random::{Layout, random};
 pub use rates::{PlaceRates, with_field};
 pub use sensing::{Function, Sensing, TemperatureField};

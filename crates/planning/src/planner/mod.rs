@@ -26,6 +26,9 @@ const OPERATIONS_PER_REPORT: u64 = 100_000_000;
 /// The number of operations that the policy may spend on a slot in flight: about 5 ms.
 const OPERATIONS_PER_SLOT: u64 = 20_000_000;
 
+/// The number of slots that may be added to a mission in flight.
+const SLOTS_TO_SPARE: usize = 60;
+
 /// The progress of planning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanProgress {
@@ -70,8 +73,14 @@ pub fn new_planner(
     Ok(planner.with_operations_per_slot(OPERATIONS_PER_SLOT))
 }
 
+/// Returns the capacity for a mission to which slots may be added in flight, and users join.
 fn capacity(mission: &Mission<f64, USERS_MAX, SENSORS_MAX>) -> Capacity {
-    Capacity::new(mission.slots() as usize, mission.user_count())
+    let slots = mission.slots() as usize;
+    Capacity {
+        slots: slots + SLOTS_TO_SPARE,
+        users: USERS_MAX,
+        ..Capacity::new(slots, mission.user_count())
+    }
 }
 
 /// Runs the planner until nothing is left to do, or up to 2 x 10^10 operations (some seconds).
