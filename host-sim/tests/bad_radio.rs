@@ -5,7 +5,9 @@
 use environment::Allocation;
 use firmware_core::{policy::StraightLine, time::Duration};
 use host_sim::{
-    flight::{FlightSettings, Pace, Peer, fly, vehicle_settings},
+    flight::{
+        ClientSettings, FlightSettings, Pace, Peer, computer::InProcess, fly_with, vehicle_settings,
+    },
     record::{FlightRecord, Summary},
 };
 use link::lossy::Impairment;
@@ -26,11 +28,13 @@ fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> Fli
     let mut vehicle = vehicle_settings(scenario, profile);
     // A long wait for the estimator would not test anything further.
     vehicle.ready_after = vehicle.ready_after.min(Duration::from_secs(2));
-    let mut peer = Peer::built_in(Vehicle::new(vehicle)).with_parameters_set();
+    let mut peer = Peer::built_in(Vehicle::new(vehicle));
+    let client = ClientSettings::default().with_parameters_set();
     if let Some(text) = impairment {
         peer = peer.impaired(&text.parse::<Impairment>().unwrap());
     }
-    fly(scenario, policy, &settings, peer, &mut ()).unwrap_or_else(|failed| {
+    let mut computer = InProcess::new(scenario, policy, &settings, client, &peer).unwrap();
+    fly_with(scenario, &mut computer, &settings, peer, &mut ()).unwrap_or_else(|failed| {
         let events = failed.record.map(|record| record.events);
         panic!("{profile}, {impairment:?}: {}\n{events:#?}", failed.error)
     })

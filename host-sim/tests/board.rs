@@ -6,7 +6,7 @@ use firmware_core::console::PolicyKind;
 use host_sim::{
     flight::{
         self, FlightSettings, Pace, Peer,
-        board::{Twin, fly, order},
+        computer::{Twin, order},
     },
     record::FlightRecord,
 };
@@ -26,7 +26,7 @@ fn flown(scenario: &Scenario) -> FlightRecord {
     let mut twin = Twin::new(&order, None).expect("an order that can be flown");
     let vehicle = flight::vehicle_settings(scenario, settings.profile);
     let peer = Peer::built_in(Vehicle::new(vehicle));
-    fly(scenario, &mut twin, &settings, peer, &mut ()).expect("flown")
+    flight::fly_with(scenario, &mut twin, &settings, peer, &mut ()).expect("flown")
 }
 
 #[test]

@@ -7,14 +7,17 @@ use firmware_core::{
     time::Duration,
 };
 use host_sim::{
-    flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
+    flight::{
+        ClientSettings, FailedFlight, FlightSettings, Observer, Pace, Peer, computer::InProcess,
+        fly, fly_with, vehicle_settings,
+    },
     record::{FlightEvent, FlightRecord},
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use scenario::Scenario;
-use vehicle::{Pauses, Profile, Vehicle};
+use vehicle::{Pauses, Profile, Vehicle, VehicleSettings};
 
 fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
     FlightSettings {
@@ -121,10 +124,8 @@ fn sent_about(flights: u64, stalls: Pauses) -> (usize, usize) {
             let mut vehicle = vehicle_settings(&scenario, profile);
             vehicle.seed = seed;
             vehicle.stalls = stalls;
-            let peer = Peer::built_in(Vehicle::new(vehicle)).with_parameters_set();
-            let settings = settings(profile, Allocation::Exact);
-            let record =
-                fly(&scenario, policy, &settings, peer, &mut ()).unwrap_or_else(|failed| {
+            let record = fly_with_parameters_set(&scenario, policy, profile, vehicle, &mut ())
+                .unwrap_or_else(|failed| {
                     panic!("seed {seed}, {profile}, {} m/s: {}", reach_m, failed.error)
                 });
             let summary = record.summary();
@@ -215,20 +216,28 @@ fn texts(record: &FlightRecord, part: &str) -> Vec<String> {
 }
 
 fn fly_with_parameters_set(
+    scenario: &Scenario,
+    policy: impl Policy<f64, USERS_MAX>,
+    profile: Profile,
+    vehicle: VehicleSettings,
+    observer: &mut impl Observer,
+) -> Result<FlightRecord, FailedFlight> {
+    let settings = settings(profile, Allocation::Exact);
+    let client = ClientSettings::default().with_parameters_set();
+    let peer = Peer::built_in(Vehicle::new(vehicle));
+    let mut computer = InProcess::new(scenario, policy, &settings, client, &peer)?;
+    fly_with(scenario, &mut computer, &settings, peer, observer)
+}
+
+/// The same for the default mission along the straight line.
+fn fly_default_with_parameters_set(
     profile: Profile,
     observer: &mut impl Observer,
 ) -> Result<FlightRecord, FailedFlight> {
     let scenario = Scenario::shipped("separated").unwrap();
     let policy = StraightLine::new(&scenario.mission);
-    let vehicle = Vehicle::new(vehicle_settings(&scenario, profile));
-    let peer = Peer::built_in(vehicle).with_parameters_set();
-    fly(
-        &scenario,
-        policy,
-        &settings(profile, Allocation::Exact),
-        peer,
-        observer,
-    )
+    let vehicle = vehicle_settings(&scenario, profile);
+    fly_with_parameters_set(&scenario, policy, profile, vehicle, observer)
 }
 
 /// If the parameters that limit the mission are set for the flight, the vehicles that behave like
@@ -238,7 +247,7 @@ fn fly_with_parameters_set(
 fn parameters_are_set_for_the_flight_and_put_back() {
     let ideal = flown(Profile::Ideal).summary().sum_rate;
     for (profile, set) in [(Profile::ArduCopter, 4), (Profile::Px4, 3)] {
-        let record = fly_with_parameters_set(profile, &mut ()).unwrap();
+        let record = fly_default_with_parameters_set(profile, &mut ()).unwrap();
         let summary = record.summary();
         assert!(summary.arrived && summary.fair, "{summary:#?}");
         assert_eq!(summary.constraint_violations + summary.mse_violations, 0);
@@ -283,7 +292,7 @@ fn parameters_are_put_back_after_ctrl_c() {
     }
     let (mut changed, mut flown) = (0, 0);
     for events in 1..=17 {
-        let failed = fly_with_parameters_set(Profile::ArduCopter, &mut StopsAfter(events));
+        let failed = fly_default_with_parameters_set(Profile::ArduCopter, &mut StopsAfter(events));
         let record = failed.err().and_then(|failed| failed.record);
         let record = record.expect("it was stopped");
         let restored = texts(&record, " put back to ").len();

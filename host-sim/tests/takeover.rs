@@ -12,7 +12,10 @@ use firmware_core::{
     time::{Duration, Instant},
 };
 use host_sim::{
-    flight::{FailedFlight, FlightSettings, Observer, Pace, Peer, fly, vehicle_settings},
+    flight::{
+        ClientSettings, FailedFlight, FlightSettings, Observer, Pace, Peer, computer::InProcess,
+        fly_with, vehicle_settings,
+    },
     journal::{FILE_NAME, ParameterJournal},
     record::{FlightEvent, FlightRecord},
 };
@@ -139,7 +142,8 @@ fn flown(
     let scenario = Scenario::shipped("separated").unwrap();
     let policy = StraightLine::new(&scenario.mission);
     let journal = ParameterJournal::open(&out.join(FILE_NAME), "test").unwrap();
-    let peer = Peer::elsewhere(Box::new(vehicle.clone()))
+    let peer = Peer::elsewhere(Box::new(vehicle.clone()));
+    let client = ClientSettings::default()
         .with_parameters_set()
         .with_journal(journal);
     let settings = FlightSettings {
@@ -157,7 +161,14 @@ fn flown(
         waited_armed: false,
         said: Vec::new(),
     };
-    let flown = fly(&scenario, policy, &settings, peer, &mut person);
+    let computer = InProcess::new(&scenario, policy, &settings, client, &peer);
+    let flown = fly_with(
+        &scenario,
+        &mut computer.unwrap(),
+        &settings,
+        peer,
+        &mut person,
+    );
     (flown, person.said, person.waited_armed)
 }
 

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use files::input;
 use firmware_core::console::{Footprint, PolicyKind};
 use host_sim::{
-    flight::board::{Image, Twin, order},
+    flight::computer::{Image, Twin, order},
     policy::PolicyChoice,
 };
 use link::HostPort;

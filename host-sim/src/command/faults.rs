@@ -9,7 +9,7 @@ use files::input;
 use firmware_core::console::PolicyKind;
 use host_sim::flight::{
     self, FlightSettings, Pace, Peer,
-    board::{Campaign, Image, SLOTS_EACH, Twin, fly, order},
+    computer::{Campaign, Image, SLOTS_EACH, Twin, order},
 };
 use link::HostPort;
 use scenario::ScenarioChoice;
@@ -64,7 +64,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
     let mut campaign = Campaign::new((image, twin), &order, arguments.schedules, arguments.seed);
     let vehicle = Vehicle::new(flight::vehicle_settings(&scenario, settings.profile));
     let peer = Peer::built_in(vehicle);
-    fly(&scenario, &mut campaign, &settings, peer, &mut ())
+    flight::fly_with(&scenario, &mut campaign, &settings, peer, &mut ())
         .map_err(|failed| Failure::failed(failed.error))?;
     let tally = campaign.finish().map_err(Failure::failed)?;
     let text = serde_json::to_string(&tally).map_err(Failure::failed)?;

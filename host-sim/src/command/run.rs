@@ -6,8 +6,8 @@ use clap::Args;
 use environment::Allocation;
 use host_sim::{
     flight::{
-        self, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
-        board::{self, Board},
+        self, ClientSettings, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
+        computer::{InProcess, OnboardComputer},
     },
     interrupt::Presses,
     journal::{self, ParameterJournal},
@@ -119,10 +119,17 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     if let Some(warning) = policy.foreign_mission(&scenario) {
         eprintln!("warning: {policy_name}: {warning}");
     }
-    let (settings, peer, mut show) = prepare(arguments, &scenario, policy_name)?;
-    let flown = flight::fly(&scenario, policy, &settings, peer, &mut show);
-    show.bar.finish_and_clear();
-    end(flown, arguments)
+    let (prepared, client) = prepare(arguments, &scenario, policy_name)?;
+    match InProcess::new(
+        &scenario,
+        policy,
+        &prepared.settings,
+        client,
+        &prepared.peer,
+    ) {
+        Ok(mut computer) => fly(arguments, &scenario, &mut computer, prepared),
+        Err(error) => end(Err(error.into()), arguments),
+    }
 }
 
 /// As [`execute`], with a board's controller.
@@ -138,7 +145,6 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
              in-process --precision f64",
         ));
     }
-    let prepared = |policy_name| prepare(arguments, scenario, policy_name);
     if arguments.own.is_given() {
         return Err(Failure::bad_input(
             "a board speaks as the onboard computer of its vehicle: --system-id and \
@@ -153,21 +159,21 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
     let chosen = (&arguments.policy, arguments.profile.unwrap_or_default());
     match arguments.board.open(scenario, chosen)? {
         OpenBoard::Image(mut image) => {
-            let (settings, peer, mut show) = prepared("in flash".into())?;
-            let flown = board::fly(scenario, &mut *image, &settings, peer, &mut show);
-            show.bar.finish_and_clear();
-            if let Ok(Some(footprint)) = image.footprint() {
-                eprintln!("{}", footprint_in_words(&footprint));
-            }
-            end(flown, arguments)
+            let (prepared, _) = prepare(arguments, scenario, "in flash".into())?;
+            fly(arguments, scenario, &mut *image, prepared)
         }
         OpenBoard::Twin(mut twin) => {
-            let (settings, peer, mut show) = prepared(arguments.policy.to_string())?;
-            let flown = board::fly(scenario, &mut *twin, &settings, peer, &mut show);
-            show.bar.finish_and_clear();
-            end(flown, arguments)
+            let (prepared, _) = prepare(arguments, scenario, arguments.policy.to_string())?;
+            fly(arguments, scenario, &mut *twin, prepared)
         }
     }
+}
+
+/// What every computer needs for a flight.
+struct Prepared {
+    settings: FlightSettings,
+    peer: Peer,
+    show: Show,
 }
 
 /// The folder, the vehicle, and what is shown meanwhile.
@@ -175,7 +181,7 @@ fn prepare(
     arguments: &RunArguments,
     scenario: &Scenario,
     policy: String,
-) -> Result<(FlightSettings, Peer, Show), Failure> {
+) -> Result<(Prepared, ClientSettings), Failure> {
     report::prepare(&arguments.out)
         .map_err(|error| Failure::bad_input(format!("--out: {error}")))?;
     let settings = FlightSettings {
@@ -186,14 +192,37 @@ fn prepare(
         seed: arguments.seed,
         symbols_per_slot: arguments.symbols,
     };
-    let peer = connect(arguments, scenario)?
+    let (peer, client) = connect(arguments, scenario)?;
+    let peer = peer
         .log_to(&arguments.out.join("mavlink.tlog"))
         .map_err(|error| Failure::failed(format!("mavlink.tlog: {error}")))?;
-    Ok((
+    let show = Show::new(scenario, shows_events(arguments))?;
+    let prepared = Prepared {
         settings,
         peer,
-        Show::new(scenario, shows_events(arguments))?,
-    ))
+        show,
+    };
+    Ok((prepared, client))
+}
+
+/// Flies with any computer, and writes and prints what came of it.
+fn fly(
+    arguments: &RunArguments,
+    scenario: &Scenario,
+    computer: &mut impl OnboardComputer,
+    prepared: Prepared,
+) -> Result<(), Failure> {
+    let Prepared {
+        settings,
+        peer,
+        mut show,
+    } = prepared;
+    let flown = flight::fly_with(scenario, computer, &settings, peer, &mut show);
+    show.bar.finish_and_clear();
+    if let Ok(Some(footprint)) = computer.footprint() {
+        eprintln!("{}", footprint_in_words(&footprint));
+    }
+    end(flown, arguments)
 }
 
 /// Whether events are shown when they happen. The built-in vehicle without a pace flies a mission
@@ -231,14 +260,19 @@ fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> R
     })
 }
 
-/// The vehicle: built in, or at the other end of `--link`.
-fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failure> {
+/// The vehicle, built in or at the other end of `--link`, and what the client in this process may do
+/// with it.
+fn connect(
+    arguments: &RunArguments,
+    scenario: &Scenario,
+) -> Result<(Peer, ClientSettings), Failure> {
     let key = arguments.signing_key.as_deref().map(key::read).transpose();
     let key = key.map_err(Failure::bad_input)?;
     let open = |option: &str, address: &LinkAddress| {
         let failed = |error| Failure::failed(format!("{option} {address}: {error}"));
         address.open().map_err(failed)
     };
+    let mut client = ClientSettings::default().spoken_to_as(arguments.own.address());
     let mut peer = if arguments.link == LinkAddress::Builtin {
         let mut vehicle = flight::vehicle_settings(scenario, arguments.profile.unwrap_or_default());
         vehicle.signing = key.clone().map(|key| (key, 0));
@@ -251,29 +285,28 @@ fn connect(arguments: &RunArguments, scenario: &Scenario) -> Result<Peer, Failur
         );
         let file = arguments.out.join(journal::FILE_NAME);
         let journal = ParameterJournal::open(&file, &arguments.link.to_string());
-        let journal = journal.map_err(Failure::bad_input)?;
-        Peer::elsewhere(open("--link", &arguments.link)?).with_journal(journal)
+        client = client.with_journal(journal.map_err(Failure::bad_input)?);
+        Peer::elsewhere(open("--link", &arguments.link)?)
     };
-    peer = peer.spoken_to_as(arguments.own.address());
     if arguments.link != LinkAddress::Builtin && arguments.profile.is_none() {
-        peer = peer.naming_profile();
+        client = client.naming_profile();
     }
     for address in &arguments.also {
         peer = peer.beside(&address.to_string(), open("--also", address)?);
     }
     if let Some(key) = key {
-        peer = peer.signed_with(key);
+        client = client.signed_with(key);
     }
     if let Some(impairment) = &arguments.impair {
         peer = peer.impaired(impairment);
     }
     if let Some(speed_mps) = arguments.airframe_speed {
-        peer = peer.with_airframe_speed(speed_mps);
+        client = client.with_airframe_speed(speed_mps);
     }
     if arguments.set_params {
-        peer = peer.with_parameters_set();
+        client = client.with_parameters_set();
     }
-    Ok(peer)
+    Ok((peer, client))
 }
 
 /// Writes the files and prints the summary.

@@ -68,44 +68,22 @@ impl Ground {
         self.slots
     }
 
-    /// Takes bytes from the vehicle and returns the bytes to send to it. `truth` returns the
-    /// position of the vehicle at a time of its clock; if that is unknown, the position that the
-    /// vehicle measured is used.
-    pub(super) fn receive(
+    /// Takes bytes from a vehicle that computes with numbers of type `T`, and returns the bytes to
+    /// send to it. `truth` returns the position of the vehicle at a time of its clock; if that is
+    /// unknown, the position that the vehicle measured is used.
+    pub(super) fn receive<T: Scalar>(
         &mut self,
         bytes: &[u8],
         truth: impl Fn(Instant) -> Option<Position<f64>>,
     ) -> Vec<u8> {
         let mut uplink = Vec::new();
         for &byte in bytes {
-            let outcome = self.decoder.push::<f64, USERS_MAX, SENSORS_MAX>(byte);
-            match outcome {
-                Some(Ok(Message::Arrival(arrival))) => {
-                    let state = self.answer(&arrival, truth(arrival.tick.time));
-                    uplink.extend(state.iter().flat_map(encode));
-                }
-                Some(Ok(Message::Command(command))) => self.obey(&command),
-                Some(Ok(Message::Status(status))) => self.link.vehicle = status,
-                Some(Ok(Message::ChannelState(_)) | Err(_)) | None => {}
-            }
-        }
-        uplink
-    }
-
-    /// Does the same as [`receive`](Self::receive) for a vehicle that computes in single precision.
-    pub(super) fn receive_single(
-        &mut self,
-        bytes: &[u8],
-        truth: impl Fn(Instant) -> Option<Position<f64>>,
-    ) -> Vec<u8> {
-        let mut uplink = Vec::new();
-        for &byte in bytes {
-            let outcome = self.decoder.push::<f32, USERS_MAX, SENSORS_MAX>(byte);
+            let outcome = self.decoder.push::<T, USERS_MAX, SENSORS_MAX>(byte);
             match outcome {
                 Some(Ok(Message::Arrival(arrival))) => {
                     let truth = truth(arrival.tick.time);
                     let state = self.answer(&precision::arrival(&arrival), truth);
-                    let state = state.as_ref().map(precision::channel_state);
+                    let state = state.as_ref().map(precision::channel_state::<T>);
                     uplink.extend(state.iter().flat_map(encode));
                 }
                 Some(Ok(Message::Command(command))) => self.obey(&precision::command(&command)),
@@ -243,7 +221,8 @@ mod tests {
         let mut ground = Ground::new(World::new(&scenario, 1, 10), Method::Exact);
         let (arrival, command) = slot_one(&scenario);
         let mut said = 0;
-        let say = |ground: &mut Ground, message| ground.receive(&frame(&message), |_| None).len();
+        let say =
+            |ground: &mut Ground, message| ground.receive::<f64>(&frame(&message), |_| None).len();
         for slot in [0, slots + 1, u32::MAX] {
             let mut astray = arrival;
             astray.plan.slot = slot;

@@ -68,6 +68,16 @@ pub struct FailedFlight {
     pub record: Option<Box<FlightRecord>>,
 }
 
+/// An error before the vehicle was reached.
+impl From<FlightError> for FailedFlight {
+    fn from(error: FlightError) -> Self {
+        Self {
+            error,
+            record: None,
+        }
+    }
+}
+
 /// Returns the outcome of a flight, with its record if a vehicle was `connected`.
 pub(super) fn outcome_with_record(
     outcome: Result<(), FlightError>,

@@ -9,17 +9,9 @@ use std::{
     time::Duration as WallDuration,
 };
 
-use firmware_core::{
-    Position,
-    autopilot::{
-        OwnAddress,
-        wire::{Decoder, signing::SigningKey},
-    },
-    time::Instant,
-};
+use firmware_core::{Position, autopilot::wire::Decoder, time::Instant};
 
 use super::observer::Observer;
-use crate::journal::ParameterJournal;
 use link::{
     GroundStationTap, Link,
     lossy::{Channel, Impairment},
@@ -38,14 +30,8 @@ pub struct Peer {
     impaired: Option<(Channel, Channel)>,
     /// The ground stations that listen, each with the link as in `--also`.
     beside: Vec<(String, GroundStationTap)>,
-    key: Option<SigningKey>,
-    set_parameters: bool,
-    airframe_speed_mps: Option<f64>,
-    journal: Option<ParameterJournal>,
     /// The recent positions of the built-in vehicle: its clock and its true position, oldest first.
     track: VecDeque<(Instant, Position<f64>)>,
-    names_profile: bool,
-    own: OwnAddress,
     log: Option<TlogWriter<BufWriter<File>>>,
     /// The reason why the log ends before the flight.
     log_failed: Option<io::Error>,
@@ -94,13 +80,7 @@ impl Peer {
             vessel,
             impaired: None,
             beside: Vec::new(),
-            key: None,
-            set_parameters: false,
-            airframe_speed_mps: None,
-            journal: None,
             track: VecDeque::new(),
-            names_profile: false,
-            own: OwnAddress::ONBOARD_COMPUTER,
             log: None,
             log_failed: None,
         }
@@ -149,48 +129,6 @@ impl Peer {
         })
     }
 
-    /// Makes our client sign its frames with this key and accept only frames signed with it.
-    pub fn signed_with(mut self, key: SigningKey) -> Self {
-        self.key = Some(key);
-        self
-    }
-
-    /// Sets the speed that the airframe is known to reach, m/s.
-    pub fn with_airframe_speed(mut self, speed_mps: f64) -> Self {
-        self.airframe_speed_mps = Some(speed_mps);
-        self
-    }
-
-    /// Allows our client to set the parameters that limit the mission, for its duration.
-    pub fn with_parameters_set(mut self) -> Self {
-        self.set_parameters = true;
-        self
-    }
-
-    /// Sets the journal in which changed parameters are recorded until they are restored; those of
-    /// an earlier run are restored first.
-    pub fn with_journal(mut self, journal: ParameterJournal) -> Self {
-        self.journal = Some(journal);
-        self
-    }
-
-    pub(super) fn take_journal(&mut self) -> Option<ParameterJournal> {
-        self.journal.take()
-    }
-
-    /// Makes the autopilot's heartbeat select the profile whose limits are used for planning,
-    /// instead of the settings of the flight.
-    pub fn naming_profile(mut self) -> Self {
-        self.names_profile = true;
-        self
-    }
-
-    /// Sets the address that our client's frames carry.
-    pub fn spoken_to_as(mut self, own: OwnAddress) -> Self {
-        self.own = own;
-        self
-    }
-
     /// Logs every frame in both directions into a `.tlog` file. Simulated flights are logged in
     /// simulated time from a fixed date, so that the same flight gives the same bytes.
     ///
@@ -204,26 +142,6 @@ impl Peer {
 
     pub(super) fn is_built_in(&self) -> bool {
         matches!(self.vessel, Vessel::BuiltIn(_))
-    }
-
-    pub(super) fn key(&self) -> Option<&SigningKey> {
-        self.key.as_ref()
-    }
-
-    pub(super) fn names_profile(&self) -> bool {
-        self.names_profile
-    }
-
-    pub(super) fn own(&self) -> OwnAddress {
-        self.own
-    }
-
-    pub(super) fn airframe_speed_mps(&self) -> Option<f64> {
-        self.airframe_speed_mps
-    }
-
-    pub(super) fn sets_parameters(&self) -> bool {
-        self.set_parameters
     }
 
     /// Returns the date, microseconds since 1970: the real date, or that of the simulation.

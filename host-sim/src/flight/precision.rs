@@ -1,4 +1,5 @@
-//! Converts the ground link's messages between the precision of a board and that of the host.
+//! Converts the ground link's messages between the precision of the onboard computer and that of
+//! the host.
 
 use firmware_core::{
     PowerGain, SENSORS_MAX, Scalar, USERS_MAX, Watt,
@@ -12,7 +13,7 @@ fn convert<T: Scalar, U: Scalar>(x: T) -> U {
 }
 
 /// Converts an arrival to double precision.
-pub(super) fn arrival(from: &Arrival<f32>) -> Arrival<f64> {
+pub(super) fn arrival<T: Scalar>(from: &Arrival<T>) -> Arrival<f64> {
     Arrival {
         plan: Plan {
             slot: from.plan.slot,
@@ -26,7 +27,9 @@ pub(super) fn arrival(from: &Arrival<f32>) -> Arrival<f64> {
 }
 
 /// Converts a command to double precision.
-pub(super) fn command(from: &SlotCommand<f32, SENSORS_MAX>) -> SlotCommand<f64, SENSORS_MAX> {
+pub(super) fn command<T: Scalar>(
+    from: &SlotCommand<T, SENSORS_MAX>,
+) -> SlotCommand<f64, SENSORS_MAX> {
     SlotCommand {
         slot: from.slot,
         served_user: from.served_user,
@@ -48,7 +51,7 @@ pub(super) fn command(from: &SlotCommand<f32, SENSORS_MAX>) -> SlotCommand<f64, 
     }
 }
 
-fn status(from: Status<f32>) -> Status<f64> {
+fn status<T: Scalar>(from: Status<T>) -> Status<f64> {
     match from {
         Status::Optimal { limited_by } => Status::Optimal { limited_by },
         Status::Infeasible { least_mse } => Status::Infeasible {
@@ -60,10 +63,10 @@ fn status(from: Status<f32>) -> Status<f64> {
     }
 }
 
-/// Converts channels to the board's precision.
-pub(super) fn channel_state(
+/// Converts channels to the precision of the onboard computer.
+pub(super) fn channel_state<T: Scalar>(
     from: &ChannelState<f64, USERS_MAX, SENSORS_MAX>,
-) -> ChannelState<f32, USERS_MAX, SENSORS_MAX> {
+) -> ChannelState<T, USERS_MAX, SENSORS_MAX> {
     let gain = |gain: &PowerGain<f64>| PowerGain(convert(gain.0));
     ChannelState {
         slot: from.slot,

@@ -10,8 +10,8 @@ use crate::record::SlotRecord;
 #[derive(Debug, Default)]
 pub(super) struct Stopwatch {
     begun: Option<WallInstant>,
-    pub(super) plan_us: Vec<f64>,
-    pub(super) allocate_us: Vec<f64>,
+    plan_us: Vec<f64>,
+    allocate_us: Vec<f64>,
 }
 
 impl Stopwatch {
@@ -20,6 +20,11 @@ impl Stopwatch {
         self.plan_us.extend((plan_us > 0.0).then_some(plan_us));
         self.allocate_us
             .extend((allocate_us > 0.0).then_some(allocate_us));
+    }
+
+    /// Returns the total times for planning and for allocating.
+    pub(super) fn totals_us(&self) -> (f64, f64) {
+        (self.plan_us.iter().sum(), self.allocate_us.iter().sum())
     }
 
     /// Writes the two times of a slot into its record.

@@ -9,12 +9,14 @@ use std::{
 };
 
 use firmware_core::{
-    autopilot::wire::Decoder,
+    autopilot::{Phase, wire::Decoder},
     console::{self, BoardReport, CONSOLE_FRAME_MAX, Call, Footprint, MissionOrder, Reports, Tick},
+    onboard::Stage,
     time::Instant,
 };
 
-use super::{Board, Round};
+use super::{ComputerState, Notice, OnboardComputer, Round, RoundInput};
+use crate::flight::outcome::FlightError;
 use link::HostPort;
 
 /// The longest time until a board is reachable, and until it answers.
@@ -107,6 +109,11 @@ pub struct Image {
     /// The reports that were received and not taken yet.
     waiting: VecDeque<BoardReport>,
     frames: Decoder,
+    state: ComputerState,
+    /// The events that were received and not taken yet, in words.
+    events: VecDeque<String>,
+    /// The reason why the mission was aborted.
+    aborted_because: Option<String>,
 }
 
 impl Image {
@@ -127,6 +134,9 @@ impl Image {
             reports: Reports::default(),
             waiting: VecDeque::new(),
             frames: Decoder::new(),
+            state: ComputerState::of_board(Stage::Preparing, Phase::Connecting, None),
+            events: VecDeque::new(),
+            aborted_because: None,
         };
         let answer = image
             .call(&Call::Order(order.clone()))
@@ -168,48 +178,59 @@ impl Image {
     }
 }
 
-impl Board for Image {
-    fn round(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round> {
-        let vehicle = vehicle.concat();
+impl OnboardComputer for Image {
+    type Precision = f32;
+
+    fn round(&mut self, input: &RoundInput<'_>) -> Result<Round, FlightError> {
+        let from_vehicle = input.from_vehicle.concat();
         let total = |line: &Line, more: &[u8]| line.sent.wrapping_add(more.len() as u32);
         self.call(&Call::Tick(Tick {
-            now,
-            ground_bytes: total(&self.ground, ground),
-            mavlink_bytes: total(&self.mavlink, &vehicle),
+            now: input.now,
+            ground_bytes: total(&self.ground, input.from_ground),
+            mavlink_bytes: total(&self.mavlink, &from_vehicle),
         }))?;
-        self.ground.send(ground)?;
-        self.mavlink.send(&vehicle)?;
-        let (mut events, mut broken_off) = (Vec::new(), None);
+        self.ground.send(input.from_ground)?;
+        self.mavlink.send(&from_vehicle)?;
         let tock = loop {
             match self.report()? {
                 BoardReport::Tock(tock) => break tock,
-                BoardReport::Event(words) => events.push(words.as_str().into()),
-                BoardReport::BrokenOff(why) => broken_off = Some(why.as_str().into()),
+                BoardReport::Event(words) => self.events.push_back(words.as_str().into()),
+                BoardReport::BrokenOff(why) => self.aborted_because = Some(why.as_str().into()),
                 BoardReport::Ready | BoardReport::Refused(_) | BoardReport::Footprint(_) => {}
             }
         };
-        let mut mavlink = Vec::new();
+        self.state = ComputerState::of_board(tock.stage, tock.phase, tock.place);
+        let mut to_vehicle = Vec::new();
         let bytes = self.mavlink.receive_up_to(tock.mavlink_bytes)?;
-        let mut input = bytes.as_slice();
-        while let Some(frame) = self.frames.next_frame(&mut input) {
-            mavlink.push(frame.bytes().to_vec());
+        let mut bytes = bytes.as_slice();
+        while let Some(frame) = self.frames.next_frame(&mut bytes) {
+            to_vehicle.push(frame.bytes().to_vec());
         }
         let micros = |nanos: u32| f64::from(nanos) * 1e-3;
         Ok(Round {
-            mavlink,
-            ground: self.ground.receive_up_to(tock.ground_bytes)?,
-            events,
-            stage: tock.stage,
-            phase: tock.phase,
-            place: tock.place,
-            broken_off,
+            to_vehicle,
+            to_ground: self.ground.receive_up_to(tock.ground_bytes)?,
             plan_us: micros(tock.cost.plan_ns),
             allocate_us: micros(tock.cost.allocate_ns),
         })
     }
 
-    fn stop(&mut self) -> io::Result<()> {
-        self.call(&Call::Stop)
+    fn state(&self) -> ComputerState {
+        self.state
+    }
+
+    fn take_notice(&mut self, _: Instant) -> Option<Notice> {
+        Some(Notice::of_board(self.events.pop_front()?))
+    }
+
+    fn stop(&mut self, _: Instant) -> io::Result<Option<&'static str>> {
+        self.call(&Call::Stop)?;
+        let is_flying = self.state.phase != Phase::Connecting;
+        Ok(is_flying.then_some("landing"))
+    }
+
+    fn aborted_because(&self) -> Option<String> {
+        self.aborted_because.clone()
     }
 
     fn footprint(&mut self) -> io::Result<Option<Footprint>> {

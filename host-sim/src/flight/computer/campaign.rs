@@ -1,7 +1,10 @@
 //! An image and its twin under faults on the ground link: both receive the same damaged bytes and
 //! must send the same bytes. Their output is compared with the injected faults.
 
-use std::{collections::BTreeMap, io};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    io,
+};
 
 use firmware_core::{
     PowerGain, SENSORS_MAX, USERS_MAX, Watt, aircomp,
@@ -13,7 +16,8 @@ use firmware_core::{
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-use super::{Board, Image, Round, Twin};
+use super::{ComputerState, Image, Notice, OnboardComputer, Round, RoundInput, Twin};
+use crate::flight::outcome::FlightError;
 use link::faults::{Direction, Fault, FaultyLink, Injected, Schedule};
 
 /// The number of slots of a schedule: all but the last have faults; in the last one everything must
@@ -50,6 +54,8 @@ pub struct Campaign {
     /// The counters and the injected faults at the start of the schedule.
     begun: (VehicleStatus, Injected),
     tally: Tally,
+    /// The notices of the image that were not taken yet.
+    notices: VecDeque<Notice>,
 }
 
 impl Campaign {
@@ -86,6 +92,7 @@ impl Campaign {
             expected: VehicleStatus::default(),
             begun: Default::default(),
             tally,
+            notices: VecDeque::new(),
         }
     }
 
@@ -111,27 +118,32 @@ impl Campaign {
     }
 
     /// Sends the same bytes to both and compares their answers.
-    fn both(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round> {
-        self.predict(ground);
-        let image = self.image.round(now, vehicle, ground)?;
-        let twin = self.twin.round(now, vehicle, ground)?;
+    fn both(&mut self, input: &RoundInput<'_>) -> Result<Round, FlightError> {
+        self.predict(input.from_ground);
+        let image = self.image.round(input)?;
+        let twin = self.twin.round(input)?;
         let slot = self.slot;
         let apart = |what: &str| format!("slot {slot}: the image and its twin differ in {what}");
-        let words = |round: &Round| round.events.iter().map(console::words).collect::<Vec<_>>();
-        demand(image.ground == twin.ground, || apart("the ground link"))?;
-        demand(image.mavlink == twin.mavlink, || apart("MAVLink"))?;
-        demand(words(&image) == words(&twin), || apart("events"))?;
-        demand(
-            (image.stage, image.phase, image.place) == (twin.stage, twin.phase, twin.place),
-            || apart("where they are"),
-        )?;
-        self.count("bytes to the image", ground.len() as u32);
-        self.count("bytes from the image, equal", image.ground.len() as u32);
-        for &byte in &image.ground {
+        demand(image.to_ground == twin.to_ground, || {
+            apart("the ground link")
+        })?;
+        demand(image.to_vehicle == twin.to_vehicle, || apart("MAVLink"))?;
+        let said_by_image = notices(&mut self.image, input.now);
+        let said_by_twin = notices(&mut self.twin, input.now);
+        demand(words(&said_by_image).eq(words(&said_by_twin)), || {
+            apart("events")
+        })?;
+        self.notices.extend(said_by_image);
+        demand(self.image.state() == self.twin.state(), || {
+            apart("where they are")
+        })?;
+        self.count("bytes to the image", input.from_ground.len() as u32);
+        self.count("bytes from the image, equal", image.to_ground.len() as u32);
+        for &byte in &image.to_ground {
             match self.said.push(byte) {
                 Some(Ok(message)) => self.heard(&message)?,
                 Some(Err(error)) => {
-                    return Err(violation(&format!("the image's own frame: {error}")));
+                    return Err(violation(&format!("the image's own frame: {error}")).into());
                 }
                 None => {}
             }
@@ -344,31 +356,61 @@ impl Campaign {
     }
 }
 
-impl Board for Campaign {
-    fn round(&mut self, now: Instant, vehicle: &[Vec<u8>], ground: &[u8]) -> io::Result<Round> {
-        let up = self.link.up(ground);
+impl OnboardComputer for Campaign {
+    type Precision = f32;
+
+    fn round(&mut self, input: &RoundInput<'_>) -> Result<Round, FlightError> {
+        let up = self.link.up(input.from_ground);
         let mut pieces = up.chunks(PIECE);
-        let mut round = self.both(now, vehicle, pieces.next().unwrap_or_default())?;
+        let mut round = self.both(&RoundInput {
+            from_ground: pieces.next().unwrap_or_default(),
+            ..*input
+        })?;
         for piece in pieces {
-            let mut next = self.both(now, &[], piece)?;
-            round.mavlink.append(&mut next.mavlink);
-            round.ground.append(&mut next.ground);
-            round.events.append(&mut next.events);
-            round.broken_off = round.broken_off.or(next.broken_off);
-            (round.stage, round.phase, round.place) = (next.stage, next.phase, next.place);
+            let mut next = self.both(&RoundInput {
+                from_vehicle: &[],
+                from_ground: piece,
+                ..*input
+            })?;
+            round.to_vehicle.append(&mut next.to_vehicle);
+            round.to_ground.append(&mut next.to_ground);
         }
-        round.ground = self.link.down(&round.ground);
+        round.to_ground = self.link.down(&round.to_ground);
         Ok(round)
     }
 
-    fn stop(&mut self) -> io::Result<()> {
-        self.image.stop()?;
-        self.twin.stop()
+    fn state(&self) -> ComputerState {
+        self.image.state()
+    }
+
+    fn take_notice(&mut self, _: Instant) -> Option<Notice> {
+        self.notices.pop_front()
+    }
+
+    fn stop(&mut self, now: Instant) -> io::Result<Option<&'static str>> {
+        self.twin.stop(now)?;
+        self.image.stop(now)
+    }
+
+    fn aborted_because(&self) -> Option<String> {
+        self.image.aborted_because()
     }
 
     fn footprint(&mut self) -> io::Result<Option<Footprint>> {
         self.image.footprint()
     }
+}
+
+fn notices(computer: &mut impl OnboardComputer, now: Instant) -> Vec<Notice> {
+    std::iter::from_fn(|| computer.take_notice(now)).collect()
+}
+
+/// Returns the events as the console of a board transfers them.
+fn words(notices: &[Notice]) -> impl Iterator<Item = impl PartialEq> + '_ {
+    notices.iter().filter_map(|notice| match notice {
+        Notice::Event { text, .. } => Some(console::words(text)),
+        _ => None,
+    })
 }
 
 fn kind(fault: &Fault) -> &'static str {

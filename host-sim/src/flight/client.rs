@@ -1,0 +1,69 @@
+//! What the MAVLink client in this process may do with its vehicle, and how it presents itself.
+
+use firmware_core::autopilot::{OwnAddress, wire::signing::SigningKey};
+
+use crate::journal::ParameterJournal;
+
+/// The settings of the MAVLink client in this process.
+#[derive(Debug)]
+pub struct ClientSettings {
+    pub(super) key: Option<SigningKey>,
+    pub(super) sets_parameters: bool,
+    pub(super) airframe_speed_mps: Option<f64>,
+    pub(super) journal: Option<ParameterJournal>,
+    pub(super) names_profile: bool,
+    pub(super) own: OwnAddress,
+}
+
+impl Default for ClientSettings {
+    fn default() -> Self {
+        Self {
+            key: None,
+            sets_parameters: false,
+            airframe_speed_mps: None,
+            journal: None,
+            names_profile: false,
+            own: OwnAddress::ONBOARD_COMPUTER,
+        }
+    }
+}
+
+impl ClientSettings {
+    /// Makes the client sign its frames with this key and accept only frames signed with it.
+    pub fn signed_with(mut self, key: SigningKey) -> Self {
+        self.key = Some(key);
+        self
+    }
+
+    /// Sets the speed that the airframe is known to reach, m/s.
+    pub fn with_airframe_speed(mut self, speed_mps: f64) -> Self {
+        self.airframe_speed_mps = Some(speed_mps);
+        self
+    }
+
+    /// Allows the client to set the parameters that limit the mission, for its duration.
+    pub fn with_parameters_set(mut self) -> Self {
+        self.sets_parameters = true;
+        self
+    }
+
+    /// Sets the journal in which changed parameters are recorded until they are restored; those of
+    /// an earlier run are restored first. A vehicle that is part of this process needs none.
+    pub fn with_journal(mut self, journal: ParameterJournal) -> Self {
+        self.journal = Some(journal);
+        self
+    }
+
+    /// Makes the autopilot's heartbeat select the profile whose limits are used for planning,
+    /// instead of the settings of the flight.
+    pub fn naming_profile(mut self) -> Self {
+        self.names_profile = true;
+        self
+    }
+
+    /// Sets the address that the client's frames carry.
+    pub fn spoken_to_as(mut self, own: OwnAddress) -> Self {
+        self.own = own;
+        self
+    }
+}

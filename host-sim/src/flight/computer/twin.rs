@@ -1,0 +1,96 @@
+//! The computer of a board, in this process: the same precision and the same steps as the image.
+
+use std::{io, sync::Arc};
+
+use firmware_core::{
+    autopilot::Phase,
+    console::{BoardComputer, MissionOrder},
+    onboard::Stage,
+    policy::mlp::Mlp,
+    time::Instant,
+};
+
+use super::{ComputerState, Notice, OnboardComputer, Round, RoundInput};
+use crate::flight::{outcome::FlightError, reason, stopwatch::Stopwatch};
+
+/// The computer of a board, in this process.
+#[derive(Debug)]
+pub struct Twin {
+    computer: Box<BoardComputer<Arc<[u8]>>>,
+    stop_asked: bool,
+    /// The reason why the mission was aborted, as it was known then.
+    aborted_because: Option<String>,
+}
+
+impl Twin {
+    /// Creates a twin that behaves like the image with this policy in its flash memory.
+    ///
+    /// # Errors
+    /// Returns the reason if the order is refused, in words.
+    pub fn new(order: &MissionOrder, policy: Option<Arc<[u8]>>) -> Result<Self, String> {
+        let trained = policy.map(Mlp::load).transpose();
+        let trained = trained.map_err(|error| error.to_string())?;
+        let computer = order.build(trained.as_ref());
+        let mut computer = computer.map_err(|refusal| refusal.to_string())?;
+        computer.autopilot_mut().launch(Instant::ZERO);
+        Ok(Self {
+            computer: Box::new(computer),
+            stop_asked: false,
+            aborted_because: None,
+        })
+    }
+}
+
+impl OnboardComputer for Twin {
+    type Precision = f32;
+
+    fn round(&mut self, input: &RoundInput<'_>) -> Result<Round, FlightError> {
+        let now = input.now;
+        let computer = &mut *self.computer;
+        computer.receive_ground(now, input.from_ground);
+        for frame in input.from_vehicle {
+            computer.receive_mavlink(now, frame, false);
+        }
+        if std::mem::take(&mut self.stop_asked) {
+            computer.autopilot_mut().stop(now);
+        }
+        let mut stopwatch = Stopwatch::default();
+        computer.poll(now, &mut stopwatch);
+        let mut round = Round::default();
+        round.take_frames(now, computer);
+        (round.plan_us, round.allocate_us) = stopwatch.totals_us();
+        if computer.stage() == Stage::Aborted && self.aborted_because.is_none() {
+            let client = computer.autopilot();
+            let cause = client.fault().map(|cause| cause.to_string());
+            let refusal = client.refusal().map(|refusal| refusal.to_string());
+            let reason = reason::first(computer.fault(), refusal.or(cause));
+            self.aborted_because = Some(reason.unwrap_or_else(|| client.phase().to_string()));
+        }
+        Ok(round)
+    }
+
+    fn state(&self) -> ComputerState {
+        let client = self.computer.autopilot();
+        let place = client.position();
+        ComputerState::of_board(
+            self.computer.stage(),
+            client.phase(),
+            place.map(|sample| (sample.position, sample.altitude_m)),
+        )
+    }
+
+    fn take_notice(&mut self, _: Instant) -> Option<Notice> {
+        let event = self.computer.autopilot_mut().take_next_event()?;
+        Some(Notice::of_board(event.to_string()))
+    }
+
+    fn stop(&mut self, _: Instant) -> io::Result<Option<&'static str>> {
+        self.stop_asked = true;
+        let is_flying = self.computer.autopilot().phase() != Phase::Connecting;
+        Ok(is_flying.then_some("landing"))
+    }
+
+    fn aborted_because(&self) -> Option<String> {
+        self.aborted_because.clone()
+    }
+}
