@@ -17,7 +17,7 @@ use firmware_core::time::Duration;
 use crate::flight::{self, CONNECT_PATIENCE, FlightSettings, Pace, Peer, ProfileChoice};
 use crate::session::Session;
 use environment::Allocation;
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle, VehicleSettings};
 
 /// The result of an examination.
@@ -296,6 +296,7 @@ pub fn predict<P: Policy<f64, USERS_MAX>>(
             pace: Pace::Max,
             seed: 1,
             symbols_per_slot: 1,
+            events: Events::default(),
         };
         let vehicle = VehicleSettings {
             parameters,

@@ -55,7 +55,7 @@ pub struct FlightEvent {
 }
 
 /// The frames of the ground link, counted at both ends.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct LinkRecord {
     /// The last counters that the vehicle sent to the ground.
     pub vehicle: VehicleStatus,
@@ -348,6 +348,11 @@ impl FlightRecord {
         }
     }
 
+    /// Returns whether the average of a slot is less accurate than required.
+    pub fn violates_mse(&self, slot: &SlotRecord) -> bool {
+        violates_mse(self.timeline().in_slot(slot.slot), slot)
+    }
+
     /// Returns the mission as it was in each slot.
     pub fn timeline(&self) -> Timeline {
         self.changes.timeline(&self.scenario.mission)
@@ -430,14 +435,16 @@ impl FlightRecord {
         violations += usize::from(self.slots.len() != mission.slots() as usize);
         let (fairness, users) = (self.fairness(timeline), self.users());
         let short = |(user, served): &(usize, &UserSummary)| {
-            fairness.quota(*user).is_some_and(|quota| served.slots < quota)
+            fairness
+                .quota(*user)
+                .is_some_and(|quota| served.slots < quota)
         };
         violations + users.iter().enumerate().filter(short).count()
     }
 }
 
 /// Returns whether the average of a slot is less accurate than its mission requires.
-pub fn violates_mse(mission: &HostMission, slot: &SlotRecord) -> bool {
+fn violates_mse(mission: &HostMission, slot: &SlotRecord) -> bool {
     slot.mse > mission.parameters().mse_threshold * (1.0 + 1e-9)
 }
 

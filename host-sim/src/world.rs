@@ -116,10 +116,18 @@ impl World {
         let mut state = ChannelState::predicted(mission, slot, vehicle);
         let silence = PowerGain(0.0);
         for (user, gain) in state.user_gains.iter_mut().enumerate() {
-            *gain = if mission.has_user(user) { *gain } else { silence };
+            *gain = if mission.has_user(user) {
+                *gain
+            } else {
+                silence
+            };
         }
         for (sensor, gain) in state.sensor_gains.iter_mut().enumerate() {
-            *gain = if mission.has_sensor(sensor) { *gain } else { silence };
+            *gain = if mission.has_sensor(sensor) {
+                *gain
+            } else {
+                silence
+            };
         }
         state
     }

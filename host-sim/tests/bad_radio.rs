@@ -12,7 +12,7 @@ use host_sim::{
 };
 use link::lossy::Impairment;
 use rayon::prelude::*;
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> FlightRecord {
@@ -23,6 +23,7 @@ fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> Fli
         pace: Pace::Max,
         seed: 1,
         symbols_per_slot: 1,
+        events: Events::default(),
     };
     let policy = StraightLine::new(&scenario.mission);
     let mut vehicle = vehicle_settings(scenario, profile);

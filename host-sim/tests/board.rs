@@ -10,7 +10,7 @@ use host_sim::{
     },
     record::FlightRecord,
 };
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario) -> FlightRecord {
@@ -21,6 +21,7 @@ fn flown(scenario: &Scenario) -> FlightRecord {
         pace: Pace::Max,
         seed: 1,
         symbols_per_slot: 10,
+        events: Events::default(),
     };
     let order = order(scenario, settings.profile, PolicyKind::StraightLine);
     let mut twin = Twin::new(&order, None).expect("an order that can be flown");

@@ -16,7 +16,7 @@ use host_sim::{
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{Pauses, Profile, Vehicle, VehicleSettings};
 
 fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
@@ -27,6 +27,7 @@ fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
         pace: Pace::Max,
         seed: 1,
         symbols_per_slot: 400,
+        events: Events::default(),
     }
 }
 

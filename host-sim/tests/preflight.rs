@@ -17,7 +17,7 @@ use host_sim::flight::{
     vehicle_settings,
 };
 use mavlink::dialects::common::{MavCmd, MavMessage};
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{FlightMode, Profile, Vehicle, VehicleSettings};
 
 /// An older PX4 has no CURRENT_MODE: it is asked once, and the log contains the refused request.
@@ -254,6 +254,7 @@ fn flight_settings(profile: Profile) -> FlightSettings {
         pace: Pace::Max,
         seed: 1,
         symbols_per_slot: 1,
+        events: Events::default(),
     }
 }
 

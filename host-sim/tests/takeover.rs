@@ -20,7 +20,7 @@ use host_sim::{
     record::{FlightEvent, FlightRecord},
 };
 use link::Link;
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{FlightMode, Profile, Vehicle};
 
 /// The number of seconds of flight per second.
@@ -153,6 +153,7 @@ fn flown(
         pace: Pace::Factor(SPEED),
         seed: 1,
         symbols_per_slot: 1,
+        events: Events::default(),
     };
     let mut person = Person {
         vehicle,

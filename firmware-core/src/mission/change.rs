@@ -53,6 +53,33 @@ pub enum MissionChange<T: Scalar> {
     Slots(u32),
 }
 
+impl<T: Scalar> fmt::Display for MissionChange<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::User { user, position_m } => {
+                write!(
+                    f,
+                    "user {user} is at [{}, {}] m",
+                    position_m.x, position_m.y
+                )
+            }
+            Self::UserLeft { user } => write!(f, "user {user} has left"),
+            Self::Sensor { sensor, position_m } => {
+                write!(
+                    f,
+                    "sensor {sensor} is at [{}, {}] m",
+                    position_m.x, position_m.y
+                )
+            }
+            Self::SensorLeft { sensor } => write!(f, "sensor {sensor} has left"),
+            Self::MseThreshold(threshold) => write!(f, "the MSE threshold is {threshold}"),
+            Self::NoisePower(power) => write!(f, "the noise power is {} W", power.0),
+            Self::MaxSpeed(speed_mps) => write!(f, "the speed limit is {speed_mps} m/s"),
+            Self::Slots(slots) => write!(f, "the mission has {slots} slots"),
+        }
+    }
+}
+
 /// Error returned when a change is refused. The mission is then as before.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ChangeError<T: fmt::Display> {

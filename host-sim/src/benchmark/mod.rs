@@ -20,7 +20,7 @@ use crate::{
     policy::{HostPolicy, PolicyChoice},
 };
 use environment::Allocation;
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle};
 
 pub use bounds::{BoundRecord, Bounds};
@@ -107,6 +107,7 @@ pub fn fly(scenario: &Scenario, choice: &PolicyChoice, profile: Profile) -> Flow
         pace: Pace::Max,
         seed: 1,
         symbols_per_slot: 1,
+        events: Events::default(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, profile));
     let record = flight::fly(

@@ -12,7 +12,7 @@ use host_sim::flight::{
     computer::{Campaign, Image, SLOTS_EACH, Twin, order},
 };
 use link::HostPort;
-use scenario::ScenarioChoice;
+use scenario::{Events, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
 use super::Failure;
@@ -55,6 +55,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
         pace: Pace::Max,
         seed: arguments.seed,
         symbols_per_slot: 1,
+        events: Events::default(),
     };
     let mut order = order(&scenario, settings.profile, PolicyKind::Trained);
     // Schedules are silent for longer than a mission may be.

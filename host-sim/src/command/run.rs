@@ -18,7 +18,7 @@ use host_sim::{
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use link::{LinkAddress, key, lossy::Impairment};
-use scenario::{Scenario, ScenarioChoice};
+use scenario::{Events, Scenario, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
 use super::{
@@ -80,6 +80,12 @@ pub(crate) struct RunArguments {
     /// Of the symbols and the noise that are drawn
     #[arg(long, default_value_t = 1)]
     seed: u64,
+
+    /// Changes of the mission in flight: a TOML file (docs/formats.md) with users and sensors that
+    /// move, join or leave, and new values of the threshold, noise, speed limit or number of slots,
+    /// each from a slot on
+    #[arg(long, value_name = "FILE")]
+    events: Option<PathBuf>,
     /// Symbols drawn in each slot for the empirical MSE
     #[arg(long, default_value_t = SYMBOLS_PER_SLOT, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     symbols: u32,
@@ -191,6 +197,10 @@ fn prepare(
         pace: arguments.speed,
         seed: arguments.seed,
         symbols_per_slot: arguments.symbols,
+        events: match &arguments.events {
+            Some(path) => Events::load(path, &scenario.mission).map_err(Failure::bad_input)?,
+            None => Events::default(),
+        },
     };
     let (peer, client) = connect(arguments, scenario)?;
     let peer = peer

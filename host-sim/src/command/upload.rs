@@ -60,6 +60,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
         pace: Pace::Max,
         seed: 1,
         symbols_per_slot: 1,
+        events: scenario::Events::default(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(&scenario, Profile::Ideal));
     let record = flight::fly(

@@ -23,7 +23,7 @@ use crate::{
 };
 use environment::Allocation;
 use planning::bound;
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle};
 
 /// The settings of an experiment.
@@ -381,6 +381,7 @@ pub fn fly(
         seed: 1,
         // The rates are analytic; the signals are drawn by `host-sim run`.
         symbols_per_slot: 1,
+        events: Events::default(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, Profile::Ideal));
     let flown = flight::fly(

@@ -61,10 +61,15 @@ pub fn fly_with(
     mut peer: Peer,
     observer: &mut impl Observer,
 ) -> Result<FlightRecord, FailedFlight> {
-    let world = World::new(scenario, settings.seed, settings.symbols_per_slot);
+    let events = &settings.events;
+    let world = World::new(scenario, events, settings.seed, settings.symbols_per_slot);
     let mut flight = Flight {
         computer,
-        ground: Ground::new(world, settings.inner.method(&scenario.mission)),
+        ground: Ground::new(
+            world,
+            events.clone(),
+            settings.inner.method(&scenario.mission),
+        ),
         clock: Clock::new(settings.pace),
         stopwatch: Stopwatch::default(),
         uplink: Vec::new(),
@@ -91,6 +96,7 @@ pub fn fly_with(
         link: flight.ground.link(),
         slots: flight.ground.into_slots(),
         path: flight.path,
+        changes: events.clone(),
         events: flight.events,
         completed: false,
         ended: String::new(),
@@ -209,22 +215,33 @@ impl<C: OnboardComputer> Flight<'_, C> {
 
     /// Records the computer's events and shows its messages.
     fn take_notices(&mut self, now: Instant, observer: &mut impl Observer) {
+        for words in self.ground.take_announcements() {
+            self.note_event(now, words, true, observer);
+        }
         while let Some(notice) = self.computer.take_notice(now) {
             match notice {
-                Notice::Event { text, notable } => {
-                    let event = FlightEvent {
-                        time_s: now.duration_since(Instant::ZERO).as_secs_f64(),
-                        text,
-                        notable,
-                    };
-                    observer.event(&event);
-                    self.events.push(event);
-                }
+                Notice::Event { text, notable } => self.note_event(now, text, notable, observer),
                 Notice::Duty(words) => observer.duty(&words),
                 Notice::Note(words) => observer.note(&words),
                 Notice::Waiting(words) => observer.waiting(&words),
             }
         }
+    }
+
+    fn note_event(
+        &mut self,
+        now: Instant,
+        text: String,
+        notable: bool,
+        observer: &mut impl Observer,
+    ) {
+        let event = FlightEvent {
+            time_s: now.duration_since(Instant::ZERO).as_secs_f64(),
+            text,
+            notable,
+        };
+        observer.event(&event);
+        self.events.push(event);
     }
 
     /// Processes ctrl-C. The first one lands the vehicle, or ends at once if there is nothing left

@@ -2,11 +2,13 @@
 
 use firmware_core::{
     Position, SENSORS_MAX, Scalar, USERS_MAX,
-    controller::ChannelState,
+    controller::DatedChange,
     inner::Method,
-    link::{self, Arrival, Decoder, FRAME_MAX, Message},
+    link::{self, Arrival, Decoder, FRAME_MAX, Message, NumberedChange},
     time::Instant,
 };
+
+use scenario::Events;
 
 use super::precision;
 use crate::{
@@ -14,18 +16,22 @@ use crate::{
     world::{HostChannelState, HostSlotCommand, World},
 };
 
-/// Encodes a channel state as a frame.
-fn encode<T: Scalar>(state: &ChannelState<T, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
-    let message = Message::ChannelState(state.clone());
+/// Encodes a message as a frame.
+fn encode<T: Scalar>(message: &Message<T, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
     let mut frame = [0; FRAME_MAX];
     // Every message fits: `encode` does not compile if one could be too long.
-    link::encode(&message, &mut frame).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
+    link::encode(message, &mut frame).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
 }
 
 /// The ground station of a mission.
 #[derive(Debug)]
 pub(super) struct Ground {
     world: World,
+    events: Events,
+    /// The number of events that were announced, and those of them that were not taken yet, in
+    /// words.
+    announced: u32,
+    announcements: Vec<String>,
     method: Method<f64>,
     decoder: Decoder,
     /// The slot whose command is awaited, and the true position of the vehicle.
@@ -36,10 +42,14 @@ pub(super) struct Ground {
 }
 
 impl Ground {
-    /// Creates a ground station; `method` is the method with which the vehicle allocates.
-    pub(super) fn new(world: World, method: Method<f64>) -> Self {
+    /// Creates a ground station that tells the vehicle of the world's `events`; `method` is the
+    /// method with which the vehicle allocates.
+    pub(super) fn new(world: World, events: Events, method: Method<f64>) -> Self {
         Self {
             world,
+            events,
+            announced: 0,
+            announcements: Vec::new(),
             method,
             decoder: Decoder::new(),
             arrival: None,
@@ -82,16 +92,44 @@ impl Ground {
             match outcome {
                 Some(Ok(Message::Arrival(arrival))) => {
                     let truth = truth(arrival.tick.time);
-                    let state = self.answer(&precision::arrival(&arrival), truth);
-                    let state = state.as_ref().map(precision::channel_state::<T>);
-                    uplink.extend(state.iter().flat_map(encode));
+                    if let Some(state) = self.answer(&precision::arrival(&arrival), truth) {
+                        uplink.extend(self.news::<T>(state.slot));
+                        let state = precision::channel_state::<T>(&state);
+                        uplink.extend(encode(&Message::ChannelState(state)));
+                    }
                 }
                 Some(Ok(Message::Command(command))) => self.obey(&precision::command(&command)),
                 Some(Ok(Message::Status(status))) => self.link.vehicle = status,
-                Some(Ok(Message::ChannelState(_)) | Err(_)) | None => {}
+                Some(Ok(Message::ChannelState(_) | Message::Change(_)) | Err(_)) | None => {}
             }
         }
         uplink
+    }
+
+    /// Returns the changes up to the slot after `slot` that the vehicle does not have yet, as
+    /// frames.
+    fn news<T: Scalar>(&mut self, slot: u32) -> Vec<u8> {
+        let known = self.link.vehicle.slots.changes;
+        let numbered = (1..).zip(self.events.changes());
+        let due = numbered.filter(|(_, change)| change.from_slot <= slot + 1);
+        let mut frames = Vec::new();
+        for (number, change) in due.filter(|(number, _)| *number > known) {
+            if number > self.announced {
+                self.announced = number;
+                let DatedChange { from_slot, change } = change;
+                let words = format!("from slot {from_slot} on, {change}");
+                self.announcements.push(words);
+            }
+            let change = precision::change::<T>(change);
+            let message = Message::Change(NumberedChange { number, change });
+            frames.extend(encode(&message));
+        }
+        frames
+    }
+
+    /// Takes what was announced to the vehicle since the last call, in words.
+    pub(super) fn take_announcements(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.announcements)
     }
 
     /// Returns the channels of the slot that the vehicle has flown; `None` if its command was
@@ -131,7 +169,8 @@ impl Ground {
     /// Makes users and sensors transmit, and records the slot.
     fn obey(&mut self, command: &HostSlotCommand) {
         let served = command.served_user;
-        if !self.world.has_slot(command.slot) || served.is_some_and(|m| !self.world.has_user(m)) {
+        let has_user = |user| self.world.has_user(command.slot, user);
+        if !self.world.has_slot(command.slot) || served.is_some_and(|user| !has_user(user)) {
             self.link.nonsense += 1;
             return;
         }
@@ -156,6 +195,12 @@ impl Ground {
         };
         let coefficients = &command.sensor_coefficients;
         let power_w: f64 = coefficients.iter().map(|b| b * b).sum();
+        let sensors = self
+            .world
+            .timeline()
+            .in_slot(command.slot)
+            .sensors()
+            .count();
         self.slots.push(SlotRecord {
             slot: command.slot,
             planned: waypoint,
@@ -164,7 +209,7 @@ impl Ground {
             served_user: command.served_user,
             user_power_w: command.user_power.0,
             normalizing_factor: command.normalizing_factor,
-            sensor_power_mean_w: power_w / coefficients.len().max(1) as f64,
+            sensor_power_mean_w: power_w / sensors as f64,
             rate: outcome.rate,
             planned_rate,
             mse: outcome.mse,
@@ -183,6 +228,7 @@ impl Ground {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use firmware_core::controller::ChannelState;
     use firmware_core::{
         autopilot::Tick,
         controller::{Controller, SlotCommand},
@@ -218,7 +264,8 @@ mod tests {
     fn a_board_that_talks_nonsense_is_counted_and_ignored() {
         let scenario = generate(Topology::Mixed, 2, 3, 5).expect("a scenario");
         let slots = scenario.mission.slots();
-        let mut ground = Ground::new(World::new(&scenario, 1, 10), Method::Exact);
+        let world = World::new(&scenario, &Events::default(), 1, 10);
+        let mut ground = Ground::new(world, Events::default(), Method::Exact);
         let (arrival, command) = slot_one(&scenario);
         let mut said = 0;
         let say =

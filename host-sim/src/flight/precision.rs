@@ -2,10 +2,11 @@
 //! the host.
 
 use firmware_core::{
-    PowerGain, SENSORS_MAX, Scalar, USERS_MAX, Watt,
-    controller::{ChannelState, Plan, SlotCommand},
+    Position, PowerGain, SENSORS_MAX, Scalar, USERS_MAX, Watt,
+    controller::{ChannelState, DatedChange, Plan, SlotCommand},
     inner::Status,
     link::Arrival,
+    mission::MissionChange,
 };
 
 fn convert<T: Scalar, U: Scalar>(x: T) -> U {
@@ -72,5 +73,31 @@ pub(super) fn channel_state<T: Scalar>(
         slot: from.slot,
         user_gains: from.user_gains.iter().map(gain).collect(),
         sensor_gains: from.sensor_gains.iter().map(gain).collect(),
+    }
+}
+
+/// Converts a change of the mission to the precision of the onboard computer.
+pub(super) fn change<T: Scalar>(from: &DatedChange<f64>) -> DatedChange<T> {
+    let place = |position: Position<f64>| position.map(convert);
+    DatedChange {
+        from_slot: from.from_slot,
+        change: match from.change {
+            MissionChange::User { user, position_m } => MissionChange::User {
+                user,
+                position_m: place(position_m),
+            },
+            MissionChange::UserLeft { user } => MissionChange::UserLeft { user },
+            MissionChange::Sensor { sensor, position_m } => MissionChange::Sensor {
+                sensor,
+                position_m: place(position_m),
+            },
+            MissionChange::SensorLeft { sensor } => MissionChange::SensorLeft { sensor },
+            MissionChange::MseThreshold(threshold) => {
+                MissionChange::MseThreshold(convert(threshold))
+            }
+            MissionChange::NoisePower(power) => MissionChange::NoisePower(Watt(convert(power.0))),
+            MissionChange::MaxSpeed(speed_mps) => MissionChange::MaxSpeed(convert(speed_mps)),
+            MissionChange::Slots(slots) => MissionChange::Slots(slots),
+        },
     }
 }

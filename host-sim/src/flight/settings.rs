@@ -7,7 +7,7 @@ use firmware_core::{
     autopilot::{AutopilotSettings, Geofence, failsafe::Watch, preflight::Preflight},
     time::Duration,
 };
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 use vehicle::{Profile, VehicleSettings};
 
 /// The longest time to wait for the first heartbeat of an autopilot.
@@ -39,6 +39,8 @@ pub struct FlightSettings {
     pub seed: u64,
     /// The number of symbols drawn in a slot for the empirical MSE.
     pub symbols_per_slot: u32,
+    /// The changes of the mission in flight.
+    pub events: Events,
 }
 
 /// The relation of the flight's time to real time.

@@ -12,7 +12,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 use crate::record::{FlightRecord, LinkRecord, PathSample, SignalRecord, SlotRecord};
-use scenario::Scenario;
+use scenario::{Events, Scenario};
 
 const SYMBOLS: u32 = 334;
 
@@ -78,6 +78,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
         slots,
         path,
         link: LinkRecord::default(),
+        changes: Events::default(),
         events: Vec::new(),
         completed: true,
         ended: "landed".into(),

@@ -35,6 +35,7 @@ const TICK: Duration = Duration::from_millis(10);
 const SETTINGS: OnboardSettings = OnboardSettings {
     channel_patience: Duration::from_millis(60),
     arrival_interval: Duration::from_millis(20),
+    planning_operations: 0,
 };
 
 /// The number of times that something was seen, so that a campaign that exercises nothing does not
@@ -203,7 +204,7 @@ impl Campaign {
             }
             Message::Command(command) => self.command(command),
             Message::Status(status) => assert_eq!(*status, self.onboard.status()),
-            Message::ChannelState(_) => panic!("not the vehicle's to send"),
+            Message::ChannelState(_) | Message::Change(_) => panic!("not the vehicle's to send"),
         }
         let over = self.place;
         let heard = self.ground.heard.len();

@@ -191,7 +191,9 @@ impl Campaign {
             }
             Message::Command(command) => self.commanded(command),
             Message::Status(status) => self.counted(status),
-            Message::ChannelState(_) => Err(violation("a channel state from the vehicle")),
+            Message::ChannelState(_) | Message::Change(_) => {
+                Err(violation("a message to the vehicle from the vehicle"))
+            }
         }
     }
 
