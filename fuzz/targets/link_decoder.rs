@@ -5,14 +5,16 @@
 
 use std::sync::LazyLock;
 
+use ::link::audit::LinkAuditor;
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
+    autopilot::Tick,
     controller::{ChannelState, Controller},
-    link::{self, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION},
+    link::{self, Arrival, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION},
     policy::StraightLine,
 };
-use scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
+use scenario::Scenario;
 
 type HostMessage = Message<f64, USERS_MAX, SENSORS_MAX>;
 
@@ -46,34 +48,54 @@ fn receive(bytes: &[u8]) {
     let mut wide = Decoder::<FRAME_MAX>::new();
     // A receiver with less room, in single precision: what is too long for it is dropped.
     let mut narrow = Decoder::<64>::new();
-    let (mut pieces, mut outcomes, mut between) = (0, 0, true);
     for &byte in bytes {
-        pieces += u32::from(byte != 0 && between);
-        between = byte == 0;
         let _ = narrow.push::<f32, 2, 3>(byte);
         let outcome: Option<Result<HostMessage, _>> = wide.push(byte);
-        outcomes += u32::from(outcome.is_some());
         if let Some(Ok(message)) = outcome {
             // What was understood can be said again.
-            let mut frame = [0; FRAME_MAX];
-            link::encode(&message, &mut frame).expect("every message fits");
+            frame(&message);
             if let Message::ChannelState(state) = message {
                 allocate(state);
             }
         }
     }
-    let counters = wide.counters();
-    assert_eq!(counters.messages + counters.dropped(), outcomes);
-    assert_eq!(outcomes + u32::from(!between), pieces);
+    let mut auditor = LinkAuditor::new(SCENARIO.mission.clone());
+    auditor.to_vehicle(bytes);
+    auditor
+        .check_link_counters(wide.counters())
+        .expect("each piece is counted once");
+}
+
+fn frame(message: &HostMessage) -> Vec<u8> {
+    let mut buffer = [0; FRAME_MAX];
+    let frame = link::encode(message, &mut buffer);
+    frame.expect("every message fits").to_vec()
 }
 
 /// The state for slot 1, or as much of it as fits, then a slot without any.
 fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>) {
     let mission = &SCENARIO.mission;
     state.slot = 1;
+    let mut auditor = LinkAuditor::new(mission.clone());
+    let say = |auditor: &mut LinkAuditor<f64>, message| {
+        let audited = auditor.from_vehicle(&frame(&message));
+        audited.expect("a message that keeps the rules");
+    };
     let mut controller = Controller::new(mission.clone(), StraightLine::new(mission));
-    let place = mission.parameters().start;
-    controller.plan(place).expect("at rest");
+    let position = mission.parameters().start;
+    let arrival = |plan| {
+        Message::Arrival(Arrival {
+            plan,
+            position,
+            tick: Tick::default(),
+        })
+    };
+    let plan = controller.plan(position).expect("at rest");
+    say(&mut auditor, arrival(plan));
+    let hear = |auditor: &mut LinkAuditor<f64>, state: &ChannelState<f64, _, _>| {
+        auditor.to_vehicle(&frame(&Message::ChannelState(state.clone())));
+    };
+    hear(&mut auditor, &state);
     let command = controller.allocate(&state).or_else(|_| {
         // As if it had had every gain: the ones it has, over and over.
         let gains = state.user_gains.iter().chain(&state.sensor_gains).copied();
@@ -81,6 +103,7 @@ fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>) {
         let mut gains = gains.into_iter().cycle();
         state.user_gains = gains.by_ref().take(mission.user_count()).collect();
         state.sensor_gains = gains.take(mission.sensor_count()).collect();
+        hear(&mut auditor, &state);
         controller.allocate(&state)
     });
     let Ok(command) = command else {
@@ -88,12 +111,9 @@ fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>) {
         assert!(none, "as many gains as asked were refused: {state:?}");
         return;
     };
-    command
-        .check(mission)
-        .expect("a command that keeps the rules");
-    controller.plan(place).expect("at rest");
-    let command = controller.allocate_predicted(&place).expect("under way");
-    command
-        .check(mission)
-        .expect("a command that keeps the rules");
+    say(&mut auditor, Message::Command(command));
+    let plan = controller.plan(position).expect("at rest");
+    say(&mut auditor, arrival(plan));
+    let command = controller.allocate_predicted(&position).expect("under way");
+    say(&mut auditor, Message::Command(command));
 }

@@ -164,12 +164,9 @@ impl Schedule {
     }
 }
 
-/// What a [`FaultyLink`] has sent to the vehicle.
+/// The messages that a [`FaultyLink`] has changed or inserted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Injected {
-    /// The number of non-empty pieces between delimiters. The counters of the vehicle must add up
-    /// to this number, whatever was damaged.
-    pub pieces: u32,
     /// The number of frames of another protocol version.
     pub other_version: u32,
     /// The number of messages of the kind that the vehicle sends itself.
@@ -190,8 +187,6 @@ pub struct FaultyLink<T: Scalar> {
     from_ground: Decoder,
     /// The frames that are sent when the slot is over.
     late: Vec<(u32, Vec<u8>)>,
-    /// Whether the previous byte was a delimiter, or no byte has passed.
-    between_pieces: bool,
     injected: Injected,
     precision: core::marker::PhantomData<T>,
 }
@@ -209,7 +204,6 @@ impl<T: Scalar> FaultyLink<T> {
             from_vehicle: Decoder::new(),
             from_ground: Decoder::new(),
             late: Vec::new(),
-            between_pieces: true,
             injected: Injected::default(),
             precision: core::marker::PhantomData,
         }
@@ -257,10 +251,6 @@ impl<T: Scalar> FaultyLink<T> {
             } else {
                 out.extend(self.carry(&frames, &faults));
             }
-        }
-        for &byte in &out {
-            self.injected.pieces += u32::from(byte != 0 && self.between_pieces);
-            self.between_pieces = byte == 0;
         }
         out
     }

@@ -9,6 +9,7 @@
 
 #![deny(missing_docs)]
 
+pub mod audit;
 pub mod faults;
 mod ground_station_tap;
 pub mod key;

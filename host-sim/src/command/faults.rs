@@ -62,7 +62,9 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
     order.ground_patience = None;
     let twin = Twin::new(&order, Some(policy.into())).map_err(Failure::bad_input)?;
     let image = Image::connect(&arguments.board, &order).map_err(Failure::failed)?;
-    let mut campaign = Campaign::new((image, twin), &order, arguments.schedules, arguments.seed);
+    let computers = (image, twin);
+    let campaign = Campaign::new(computers, &order, arguments.schedules, arguments.seed);
+    let mut campaign = campaign.map_err(Failure::bad_input)?;
     let vehicle = Vehicle::new(flight::vehicle_settings(&scenario, settings.profile));
     let peer = Peer::built_in(vehicle);
     flight::fly_with(&scenario, &mut campaign, &settings, peer, &mut ())

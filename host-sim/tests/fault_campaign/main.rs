@@ -5,24 +5,28 @@
 //! not finite, or violates a power limit; `Gamma` is met at the true channels wherever a command
 //! promises it, with fresh or aged state; the shield's constraints hold; in the slot after the
 //! faults everything works again; and every piece that the vehicle was sent is counted in one of
-//! its counters.
+//! its counters. `link::audit` demands the rules of the link; what is checked here needs the true
+//! channels, the mission or the injected faults.
 
 mod ground;
 
 use std::collections::{BTreeMap, VecDeque};
 
 use firmware_core::{
-    Position, PowerGain, SENSORS_MAX, aircomp,
+    Position, SENSORS_MAX, aircomp,
     autopilot::{self, Autopilot, Phase, frames::Geodetic, wire::MAX_FRAME},
     controller::{ChannelSource, Controller, Plan},
     inner::{SlotLimits, Workspace},
-    link::{Decoder, FRAME_MAX, Message, VehicleStatus},
+    link::{FRAME_MAX, Message, VehicleStatus},
     mission::MEASUREMENT_M,
     onboard::{Onboard, OnboardSettings, Stage},
     time::{Duration, Instant},
 };
 use ground::{Ground, HostCommand, HostMessage, HostMission, HostState, Wanderer, mission};
-use link::faults::{Direction, Fault, FaultyLink, Injected, Schedule};
+use link::{
+    audit::{Audited, LinkAuditor},
+    faults::{Direction, Fault, FaultyLink, Injected, Schedule},
+};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use vehicle::{Profile, Vehicle, VehicleSettings};
@@ -56,20 +60,14 @@ struct Campaign {
     place: Position<f64>,
     ground: Ground,
     faulty: FaultyLink<f64>,
-    /// The present slot as the vehicle reported it, and the state that it should use.
-    plan: Option<Plan<f64>>,
-    delivered: Option<HostState>,
-    /// A second decoder behind the faults, whose counters are the expected values of the vehicle's.
-    witness: Decoder,
-    expected: VehicleStatus,
+    /// The rules of the link, behind the faults.
+    auditor: LinkAuditor<f64>,
     position: Position<f64>,
     /// The last messages of the vehicle. A frame whose end was lost is complete at the next
     /// delimiter.
     said: VecDeque<HostMessage>,
     /// The counters and the injected faults at the start of the section.
     begun: (VehicleStatus, Injected),
-    /// Whether the first arrival message of the slot was answered.
-    asked_once: bool,
     seen: Seen,
 }
 
@@ -98,15 +96,11 @@ impl Campaign {
             place: p.start,
             ground: Ground::new(&mission, &random),
             faulty: FaultyLink::new(schedule.clone(), seed),
-            plan: None,
-            delivered: None,
-            witness: Decoder::new(),
-            expected: VehicleStatus::default(),
+            auditor: LinkAuditor::new(mission.clone()),
             position: p.start,
             schedule,
             mission,
             said: VecDeque::new(),
-            asked_once: true,
             begun: (VehicleStatus::default(), Injected::default()),
             seen: Seen::new(),
         }
@@ -190,69 +184,54 @@ impl Campaign {
     /// Processes a frame from the vehicle: it is inspected, damaged and answered; the answer is
     /// damaged too.
     fn carry(&mut self, frame: &[u8]) {
-        let mut own = Decoder::<FRAME_MAX>::new();
-        let sent: Vec<HostMessage> = frame.iter().filter_map(|&b| own.push(b)?.ok()).collect();
-        let [message] = sent.as_slice() else {
-            panic!("the vehicle's own frame is damaged: {frame:?}");
+        let audited = self.auditor.from_vehicle(frame);
+        let audited = audited.unwrap_or_else(|error| panic!("{error}: {frame:?}"));
+        let [message] = audited.as_slice() else {
+            panic!("not one message: {frame:?}");
         };
-        match message {
-            Message::Arrival(arrival) => {
+        let message = match message {
+            Audited::Arrival {
+                arrival,
+                is_repeated,
+            } => {
                 // At the time of the command the vehicle may already be at the end of the next
                 // slot.
                 self.place = self.vehicle.true_position();
-                self.arrival(&arrival.plan, arrival.position);
+                if !is_repeated {
+                    self.arrival(&arrival.plan, arrival.position);
+                }
+                Message::Arrival(*arrival)
             }
-            Message::Command(command) => self.command(command),
-            Message::Status(status) => assert_eq!(*status, self.onboard.status()),
-            Message::ChannelState(_) | Message::Change(_) => panic!("not the vehicle's to send"),
-        }
+            Audited::Command {
+                command,
+                plan,
+                state,
+                was_repeated,
+            } => {
+                self.command(command, plan, (state.as_ref(), *was_repeated));
+                Message::Command(command.clone())
+            }
+            Audited::Status(status) => {
+                assert_eq!(*status, self.onboard.status());
+                Message::Status(*status)
+            }
+        };
         let over = self.place;
         let heard = self.ground.heard.len();
         let down = self.faulty.down(frame);
         let answer = self.ground.receive(&down, &over);
         self.said.truncate(20);
-        self.said.push_front(message.clone());
+        self.said.push_front(message);
         for heard in &self.ground.heard[heard..] {
             assert!(self.said.contains(heard), "never said: {heard:?}");
         }
         let up = self.faulty.up(&answer);
-        self.witness_of(&up);
+        self.auditor.to_vehicle(&up);
         self.onboard.receive_ground(self.now, &up);
-    }
-
-    /// Predicts how the vehicle processes these bytes.
-    fn witness_of(&mut self, bytes: &[u8]) {
-        let counters = &mut self.expected.slots;
-        for &byte in bytes {
-            let Some(Ok(message)) = self.witness.push(byte) else {
-                continue;
-            };
-            let message: HostMessage = message;
-            let Message::ChannelState(state) = message else {
-                counters.echoes += 1;
-                continue;
-            };
-            let waiting = self.plan.filter(|plan| plan.slot == state.slot);
-            let fits = state.user_gains.len() == self.mission.user_count()
-                && state.sensor_gains.len() == self.mission.sensor_count();
-            if waiting.is_none() || (fits && self.delivered.is_some()) {
-                counters.states_out_of_turn += 1;
-            } else if !fits {
-                counters.states_of_wrong_size += 1;
-            } else {
-                self.delivered = Some(state);
-            }
-        }
     }
 
     fn arrival(&mut self, plan: &Plan<f64>, position: Position<f64>) {
         let reach_m = self.mission.reach_m();
-        if self.plan == Some(*plan) {
-            self.expected.slots.arrivals_repeated += 1;
-            self.asked_once = false;
-            return;
-        }
-        assert_eq!(plan.slot, self.expected.slots_done + 1);
         assert!(!plan.intervention.out_of_reach, "{plan:?}");
         let area = &self.mission.parameters().area;
         assert!(area.contains(&plan.waypoint), "{plan:?}");
@@ -264,71 +243,32 @@ impl Campaign {
         );
         self.position = position;
         self.ground.stray();
-        self.asked_once = true;
-        self.plan = Some(*plan);
-        self.delivered = None;
     }
 
-    fn command(&mut self, command: &HostCommand) {
-        let plan = self.plan.take().expect("an arrival before its command");
-        let state = self.delivered.take();
+    /// Checks a command of the slot `plan`, which was computed from `state`.
+    fn command(
+        &mut self,
+        command: &HostCommand,
+        plan: &Plan<f64>,
+        (state, asked_again): (Option<&HostState>, bool),
+    ) {
         let slot = plan.slot;
         let context = || {
             let up: Vec<_> = self.schedule.faults(slot, Direction::Up).collect();
             format!("{command:?} for {plan:?} under {up:?} with {state:?}")
         };
         let p = self.mission.parameters();
-        assert_eq!(command.slot, slot, "{}", context());
-        if let Err(error) = command.check(&self.mission) {
-            panic!("{error}: {}", context());
-        }
-        let coefficients = &command.sensor_coefficients;
-
-        // The source of the gains is the state that was delivered.
-        let fresh = command.source == ChannelSource::Measured;
-        assert_eq!(fresh, state.is_some(), "{}", context());
-        assert_eq!(fresh, command.age_slots == 0, "{}", context());
-        let counters = &mut self.expected.slots;
-        let (mut rejected, mut unheard) = (0, command.unheard_sensors);
-        if let Some(state) = &state {
-            let invalid =
-                |gains: &[PowerGain<f64>]| gains.iter().filter(|g| !g.is_passive()).count();
-            rejected = (invalid(&state.user_gains) + invalid(&state.sensor_gains)) as u16;
-            let heard = |gain: &PowerGain<f64>| gain.is_passive() && gain.0 > 0.0;
-            unheard = state
-                .sensor_gains
-                .iter()
-                .filter(|gain| !heard(gain))
-                .count() as u16;
-            for (gain, b) in state.sensor_gains.iter().zip(coefficients) {
-                assert!(heard(gain) || *b == 0.0, "{}", context());
-            }
-            let served = command.served_user.map(|user| state.user_gains[user]);
-            assert!(served.is_none_or(|gain| heard(&gain)), "{}", context());
-            let anybody = state.user_gains.iter().any(heard);
-            assert_eq!(anybody, served.is_some(), "{}", context());
-            counters.measured += 1;
-        } else {
-            counters.stale += 1;
-        }
-        assert_eq!(command.rejected_gains, rejected, "{}", context());
-        assert_eq!(command.unheard_sensors, unheard, "{}", context());
-        counters.rejected_gains += u32::from(rejected);
-        counters.unheard_sensors += u32::from(unheard);
-        counters.infeasible += u32::from(!command.status.is_feasible());
-        counters.nobody_served += u32::from(command.served_user.is_none());
+        let fresh = state.is_some();
         let replaced = command
             .served_user
             .is_some_and(|user| user != plan.served_user);
-        counters.user_replaced += u32::from(replaced);
-        self.expected.slots_done += 1;
 
         // The guarantees hold at the true channels.
         let truth = self.ground.truth(slot, &self.place);
         let user_gain = command.served_user.map(|user| truth.user_gains[user]);
         let at_truth = aircomp::Slot {
             sensor_gains: &truth.sensor_gains,
-            sensor_coefficients: coefficients,
+            sensor_coefficients: &command.sensor_coefficients,
             user_gain: user_gain.unwrap_or_default(),
             user_power: command.user_power,
             noise_power: p.noise_power,
@@ -344,6 +284,8 @@ impl Campaign {
 
         if slot.is_multiple_of(SLOTS_EACH) {
             let context = context();
+            // No frame was lost because of earlier damage: neither the arrival nor its answer.
+            assert!(!asked_again, "asked again: {context}");
             self.in_order_again(command, &truth, &context);
             self.end_section(slot, &context);
         }
@@ -355,7 +297,7 @@ impl Campaign {
             (false, true) => note(seen, "aged, feasible"),
             (false, false) => note(seen, "aged, infeasible"),
         }
-        if rejected > 0 {
+        if command.rejected_gains > 0 {
             note(seen, "gains rejected");
         }
         if fresh {
@@ -377,8 +319,6 @@ impl Campaign {
             ChannelSource::Measured,
             "out of step: {context}"
         );
-        // No frame was lost because of earlier damage: neither the arrival nor its answer.
-        assert!(self.asked_once, "asked again: {context}");
         assert_eq!(
             (command.rejected_gains, command.unheard_sensors),
             (0, 0),
@@ -432,23 +372,13 @@ impl Campaign {
         }
     }
 
-    /// Checks that nothing is lost without being counted: the counters add up and equal those of
-    /// the witness.
+    /// Checks that nothing is lost without being counted: the counters add up and are those that
+    /// follow from the bytes.
     fn check_counters(&mut self) -> VehicleStatus {
         let status = self.onboard.status();
-        let injected = self.faulty.injected();
-        self.expected.link = *self.witness.counters();
-        self.expected.mavlink = status.mavlink;
-        assert_eq!(status, self.expected);
-        let link = status.link;
-        assert_eq!(
-            link.messages + link.dropped(),
-            injected.pieces,
-            "{link:?} {injected:?}"
-        );
-        let slots = status.slots;
-        assert_eq!(slots.measured + slots.stale, status.slots_done);
-        assert_eq!(slots.unsent, 0);
+        let checked = self.auditor.check_status(&status);
+        checked.unwrap_or_else(|error| panic!("{error}"));
+        let (link, slots) = (status.link, status.slots);
         let mavlink = status.mavlink;
         assert!(mavlink.frames > 0 && mavlink.bad_checksum + mavlink.skipped_bytes == 0);
         for (what, count) in [

@@ -1,5 +1,6 @@
 //! An image and its twin under faults on the ground link: both receive the same damaged bytes and
-//! must send the same bytes. Their output is compared with the injected faults.
+//! must send the same bytes. An auditor of the link demands the rules of the protocol, and the
+//! vehicle's counters are compared with the injected faults.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -7,10 +8,9 @@ use std::{
 };
 
 use firmware_core::{
-    PowerGain, SENSORS_MAX, USERS_MAX, Watt, aircomp,
     console::{self, BoardMission, Footprint, MissionOrder},
-    controller::{ChannelSource, ChannelState, SlotCommand},
-    link::{Decoder, Message, VehicleStatus},
+    controller::SlotCommand,
+    link::VehicleStatus,
     time::Instant,
 };
 use rand::SeedableRng;
@@ -18,7 +18,10 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{ComputerState, Image, Notice, OnboardComputer, Round, RoundInput, Twin};
 use crate::flight::outcome::FlightError;
-use link::faults::{Direction, Fault, FaultyLink, Injected, Schedule};
+use link::{
+    audit::{Audited, LinkAuditor, Violation},
+    faults::{Direction, Fault, FaultyLink, Injected, Schedule},
+};
 
 /// The number of slots of a schedule: all but the last have faults; in the last one everything must
 /// work again.
@@ -28,9 +31,6 @@ pub const SLOTS_EACH: u32 = 3;
 /// a flood does not depend on the speed of the board.
 const PIECE: usize = 512;
 
-/// The tolerance for single precision.
-const ROUNDING: f64 = 1e-4;
-
 /// The number of times that something was injected, counted or seen.
 pub type Tally = BTreeMap<&'static str, u64>;
 
@@ -39,18 +39,12 @@ pub type Tally = BTreeMap<&'static str, u64>;
 pub struct Campaign {
     image: Image,
     twin: Twin,
-    order: MissionOrder,
+    /// The number of slots of the mission.
+    slots: u32,
     schedule: Schedule,
     link: FaultyLink<f32>,
-    /// A decoder behind the faults, like the vehicle's, whose counters are the expected values.
-    witness: Decoder,
-    /// A decoder of the vehicle's own messages, before the faults.
-    said: Decoder,
-    /// The present slot, whether its arrival was repeated, and the state that it should use.
-    slot: u32,
-    asked_again: bool,
-    delivered: Option<ChannelState<f32, USERS_MAX, SENSORS_MAX>>,
-    expected: VehicleStatus,
+    /// The rules of the link, behind the faults.
+    auditor: LinkAuditor<f32>,
     /// The counters and the injected faults at the start of the schedule.
     begun: (VehicleStatus, Injected),
     tally: Tally,
@@ -60,12 +54,17 @@ pub struct Campaign {
 
 impl Campaign {
     /// Creates a campaign of this number of schedules, one after the other from slot 1.
+    ///
+    /// # Errors
+    /// Returns the reason if the mission of the order is invalid, in words.
     pub fn new(
         (image, twin): (Image, Twin),
         order: &MissionOrder,
         schedules: u32,
         seed: u64,
-    ) -> Self {
+    ) -> Result<Self, String> {
+        let mission = BoardMission::new(order.mission.clone());
+        let mission = mission.map_err(|error| error.to_string())?;
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mut schedule = Schedule::default();
         let mut tally = Tally::new();
@@ -78,22 +77,17 @@ impl Campaign {
             schedule.episodes.extend(drawn.episodes);
             *tally.entry("schedules").or_default() += 1;
         }
-        Self {
+        Ok(Self {
             image,
             twin,
-            order: order.clone(),
+            slots: mission.slots(),
             link: FaultyLink::new(schedule.clone(), seed),
             schedule,
-            witness: Decoder::new(),
-            said: Decoder::new(),
-            slot: 0,
-            asked_again: false,
-            delivered: None,
-            expected: VehicleStatus::default(),
+            auditor: LinkAuditor::new(mission),
             begun: Default::default(),
             tally,
             notices: VecDeque::new(),
-        }
+        })
     }
 
     /// Ends the campaign after the flight, when no output is pending, and returns the tally.
@@ -101,8 +95,8 @@ impl Campaign {
     /// # Errors
     /// Returns an error if a slot is missing or the image has lost bytes.
     pub fn finish(mut self) -> io::Result<Tally> {
-        let done = self.expected.slots_done;
-        demand(done == self.order.mission.slots, || {
+        let done = self.auditor.expected().slots_done;
+        demand(done == self.slots, || {
             format!("{done} slots were commanded")
         })?;
         let footprint = self.image.footprint()?.unwrap_or_default();
@@ -117,13 +111,14 @@ impl Campaign {
         *self.tally.entry(what).or_default() += u64::from(times);
     }
 
-    /// Sends the same bytes to both and compares their answers.
+    /// Sends the same bytes to both, compares their answers and audits them.
     fn both(&mut self, input: &RoundInput<'_>) -> Result<Round, FlightError> {
-        self.predict(input.from_ground);
+        self.auditor.to_vehicle(input.from_ground);
         let image = self.image.round(input)?;
         let twin = self.twin.round(input)?;
-        let slot = self.slot;
-        let apart = |what: &str| format!("slot {slot}: the image and its twin differ in {what}");
+        let done = self.auditor.expected().slots_done;
+        let apart =
+            |what: &str| format!("after slot {done}: the image and its twin differ in {what}");
         demand(image.to_ground == twin.to_ground, || {
             apart("the ground link")
         })?;
@@ -139,127 +134,36 @@ impl Campaign {
         })?;
         self.count("bytes to the image", input.from_ground.len() as u32);
         self.count("bytes from the image, equal", image.to_ground.len() as u32);
-        for &byte in &image.to_ground {
-            match self.said.push(byte) {
-                Some(Ok(message)) => self.heard(&message)?,
-                Some(Err(error)) => {
-                    return Err(violation(&format!("the image's own frame: {error}")).into());
-                }
-                None => {}
+        let audited = self.auditor.from_vehicle(&image.to_ground);
+        for message in audited.map_err(|error: Violation<f32>| violation(&error.to_string()))? {
+            match message {
+                Audited::Command {
+                    command,
+                    state,
+                    was_repeated,
+                    ..
+                } => self.commanded(&command, state.is_some(), was_repeated)?,
+                Audited::Status(status) => self.counted(&status)?,
+                Audited::Arrival { .. } => {}
             }
         }
         Ok(image)
     }
 
-    /// Predicts how the vehicle processes these bytes.
-    fn predict(&mut self, bytes: &[u8]) {
-        let mission = &self.order.mission;
-        let counters = &mut self.expected.slots;
-        for &byte in bytes {
-            match self.witness.push::<f32, USERS_MAX, SENSORS_MAX>(byte) {
-                Some(Ok(Message::ChannelState(state))) => {
-                    let fits = state.user_gains.len() == mission.users.len()
-                        && state.sensor_gains.len() == mission.sensors.len();
-                    let awaited = state.slot == self.slot && self.expected.slots_done < self.slot;
-                    if !awaited || (fits && self.delivered.is_some()) {
-                        counters.states_out_of_turn += 1;
-                    } else if !fits {
-                        counters.states_of_wrong_size += 1;
-                    } else {
-                        self.delivered = Some(state);
-                    }
-                }
-                Some(Ok(_)) => counters.echoes += 1,
-                Some(Err(_)) | None => {}
-            }
-        }
-    }
-
-    fn heard(&mut self, message: &Message<f32, USERS_MAX, SENSORS_MAX>) -> io::Result<()> {
-        match message {
-            Message::Arrival(arrival) if arrival.plan.slot == self.slot => {
-                self.expected.slots.arrivals_repeated += 1;
-                self.asked_again = true;
-                Ok(())
-            }
-            Message::Arrival(arrival) => {
-                self.slot += 1;
-                (self.asked_again, self.delivered) = (false, None);
-                demand(arrival.plan.slot == self.slot, || {
-                    format!("an arrival out of turn: {arrival:?}")
-                })
-            }
-            Message::Command(command) => self.commanded(command),
-            Message::Status(status) => self.counted(status),
-            Message::ChannelState(_) | Message::Change(_) => {
-                Err(violation("a message to the vehicle from the vehicle"))
-            }
-        }
-    }
-
-    /// Checks that every number is finite and within its limits, and that the guarantees for fresh
-    /// state hold.
-    fn commanded(&mut self, command: &SlotCommand<f32, SENSORS_MAX>) -> io::Result<()> {
-        let slot = self.slot;
-        let state = self.delivered.take();
-        let must =
-            |holds: bool, what: &str| demand(holds, || format!("slot {slot}: {what}: {command:?}"));
-        let mission = &self.order.mission;
-        must(command.slot == slot, "not the slot under way")?;
-        let board_mission =
-            BoardMission::new(mission.clone()).map_err(|error| violation(&error.to_string()))?;
-        if let Err(error) = command.check(&board_mission) {
-            must(false, &error.to_string())?;
-        }
-        let coefficients = &command.sensor_coefficients;
-        let fresh = command.source == ChannelSource::Measured;
-        must(fresh == state.is_some(), "the source of the gains")?;
-        let (mut rejected, mut unheard) = (0, command.unheard_sensors);
-        if let Some(state) = &state {
-            let invalid =
-                |gains: &[PowerGain<f32>]| gains.iter().filter(|g| !g.is_passive()).count();
-            rejected = (invalid(&state.user_gains) + invalid(&state.sensor_gains)) as u16;
-            let usable = |gain: &PowerGain<f32>| {
-                PowerGain(if gain.is_passive() {
-                    f64::from(gain.0)
-                } else {
-                    0.0
-                })
-            };
-            let sensor_gains: Vec<_> = state.sensor_gains.iter().map(usable).collect();
-            unheard = sensor_gains.iter().filter(|gain| gain.0 == 0.0).count() as u16;
-            let user = command.served_user.and_then(|m| state.user_gains.get(m));
-            let at_state = aircomp::Slot {
-                sensor_gains: &sensor_gains,
-                sensor_coefficients: &coefficients
-                    .iter()
-                    .map(|&b| f64::from(b))
-                    .collect::<Vec<_>>(),
-                user_gain: user.map(usable).unwrap_or_default(),
-                user_power: Watt(f64::from(command.user_power.0)),
-                noise_power: Watt(f64::from(mission.noise_power.0)),
-            };
-            let mse = at_state.mse(f64::from(command.normalizing_factor));
-            must(
-                mse <= f64::from(command.mse) * (1.0 + ROUNDING),
-                "an MSE above what is promised",
-            )?;
-        }
-        must(command.rejected_gains == rejected, "gains refused")?;
-        must(command.unheard_sensors == unheard, "sensors not heard")?;
-        if slot.is_multiple_of(SLOTS_EACH) {
-            let in_order = fresh && !self.asked_again && (rejected, unheard) == (0, 0);
-            must(in_order, "out of step after the faults")?;
+    /// Checks that everything works again in the clean slot that ends a schedule.
+    fn commanded<const J: usize>(
+        &mut self,
+        command: &SlotCommand<f32, J>,
+        fresh: bool,
+        asked_again: bool,
+    ) -> io::Result<()> {
+        if command.slot.is_multiple_of(SLOTS_EACH) {
+            let complete = (command.rejected_gains, command.unheard_sensors) == (0, 0);
+            demand(fresh && !asked_again && complete, || {
+                format!("out of step after the faults: {command:?}")
+            })?;
             self.count("resynchronised at the first clean frame", 1);
         }
-        let counters = &mut self.expected.slots;
-        counters.measured += u32::from(fresh);
-        counters.stale += u32::from(!fresh);
-        counters.infeasible += u32::from(!command.status.is_feasible());
-        counters.nobody_served += u32::from(command.served_user.is_none());
-        counters.rejected_gains += u32::from(rejected);
-        counters.unheard_sensors += u32::from(unheard);
-        self.expected.slots_done += 1;
         self.count(
             match (fresh, command.status.is_feasible()) {
                 (true, true) => "commands: fresh, Gamma kept",
@@ -272,30 +176,14 @@ impl Campaign {
         Ok(())
     }
 
-    /// Checks the vehicle's counters in the clean slot that ends a schedule.
+    /// Compares the vehicle's counters with the injected faults in the clean slot that ends a
+    /// schedule.
     fn counted(&mut self, status: &VehicleStatus) -> io::Result<()> {
         if status.slots_done == 0 || !status.slots_done.is_multiple_of(SLOTS_EACH) {
             return Ok(());
         }
-        let mut expected = self.expected;
-        expected.link = *self.witness.counters();
-        // These counters are not of the ground link, or cannot be determined from its bytes.
-        expected.mavlink = status.mavlink;
-        expected.mavlink_unreadable = status.mavlink_unreadable;
-        expected.slots.user_replaced = status.slots.user_replaced;
-        demand(*status == expected, || {
-            format!("the image counts {status:?}, the link was sent {expected:?}")
-        })?;
         let (link, slots) = (&status.link, &status.slots);
         let injected = *self.link.injected();
-        demand(link.messages + link.dropped() == injected.pieces, || {
-            format!("{link:?} do not add up to {injected:?}")
-        })?;
-        let used =
-            slots.measured + slots.states_out_of_turn + slots.states_of_wrong_size + slots.echoes;
-        demand(link.messages == used, || {
-            format!("a message lost: {status:?}")
-        })?;
         let (before, injected_before) = std::mem::replace(&mut self.begun, (*status, injected));
         let faults: Vec<Fault> = (status.slots_done + 1 - SLOTS_EACH..=status.slots_done)
             .flat_map(|slot| self.schedule.faults(slot, Direction::Up))
