@@ -9,6 +9,7 @@
 #![deny(missing_docs)]
 
 pub mod bound;
+pub mod hindsight;
 pub mod planner;
 pub mod search;
 pub mod waypoint_file;

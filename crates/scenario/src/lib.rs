@@ -9,6 +9,7 @@
 mod choice;
 mod events;
 mod random;
+mod random_events;
 mod rates;
 mod sensing;
 mod topology;
@@ -31,7 +32,8 @@ use sha2::{Digest, Sha256};
 pub use choice::{Changes, ScenarioChoice};
 pub use events::{Events, Timeline};
 pub use random::{Layout, random};
-pub use rates::{PlaceRates, with_field};
+pub use random_events::EventKind;
+pub use rates::{ABSENT_RATE, PlaceRates, with_field};
 pub use sensing::{Function, Sensing, TemperatureField};
 pub use topology::{Course, Topology, generate, generate_on};
 

@@ -6,9 +6,13 @@ use firmware_core::{
     inner::{SensorField, SlotLimits, Workspace},
 };
 
+/// The rate of a user that left, bit/s/Hz: so low that no assignment serves it.
+pub const ABSENT_RATE: f64 = -1000.0;
+
 /// The rates of a mission's users, bit/s/Hz, as a function of the vehicle's position.
 ///
-/// At a position where `Gamma` cannot be met, every user's rate is 0.
+/// At a position where `Gamma` cannot be met, every user's rate is 0. That of a user that left is
+/// [`ABSENT_RATE`].
 #[derive(Clone, Debug)]
 pub struct PlaceRates<'m, const M: usize, const J: usize> {
     mission: &'m Mission<f64, M, J>,
@@ -32,13 +36,20 @@ impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
         let p = self.mission.parameters();
         let channel = self.mission.channel();
         let mut gains = [PowerGain(0.0); J];
-        for (gain, sensor) in gains.iter_mut().zip(&p.sensors) {
+        let mut count = 0;
+        for ((_, sensor), gain) in self.mission.sensors().zip(&mut gains) {
             *gain = channel.power_gain(place, sensor);
+            count += 1;
         }
-        let sensors = &gains[..p.sensors.len()];
+        let sensors = &gains[..count];
+        let mission = self.mission;
         with_field(&mut self.workspace, &self.limits, sensors, |field| {
-            for (rate, user) in rates.iter_mut().zip(&p.users) {
-                *rate = field.map_or(0.0, |field| field.rate(channel.power_gain(place, user)));
+            for (user, (rate, place_of_user)) in rates.iter_mut().zip(&p.users).enumerate() {
+                *rate = match field {
+                    _ if !mission.has_user(user) => ABSENT_RATE,
+                    Some(field) => field.rate(channel.power_gain(place, place_of_user)),
+                    None => 0.0,
+                };
             }
         });
     }

@@ -5,6 +5,7 @@
 //! bound.
 
 mod bounds;
+mod changes;
 mod statistics;
 
 use std::{
@@ -20,10 +21,12 @@ use crate::{
     policy::{HostPolicy, PolicyChoice},
 };
 use environment::Allocation;
+use firmware_core::Position;
 use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle};
 
 pub use bounds::{BoundRecord, Bounds};
+pub use changes::{ChangeFlight, ChangeMission, ChangeStatistics, change_missions};
 pub use statistics::{PolicyStatistics, statistics};
 
 /// The largest certified gap at which a mission counts in the statistics of the fractions.
@@ -84,6 +87,16 @@ pub struct Flown {
 
 /// Flies one mission with one policy and the built-in vehicle.
 pub fn fly(scenario: &Scenario, choice: &PolicyChoice, profile: Profile) -> Flown {
+    fly_through(scenario, &Events::default(), choice, profile).0
+}
+
+/// Flies one mission in which these events happen. Returns the waypoints that were reached, too.
+fn fly_through(
+    scenario: &Scenario,
+    events: &Events,
+    choice: &PolicyChoice,
+    profile: Profile,
+) -> (Flown, Vec<Position<f64>>) {
     let started = Instant::now();
     let loaded = HostPolicy::load(choice, scenario);
     let mut flown = Flown {
@@ -98,7 +111,7 @@ pub fn fly(scenario: &Scenario, choice: &PolicyChoice, profile: Profile) -> Flow
         decision_us: f64::NAN,
     };
     let Ok((policy, name)) = loaded else {
-        return flown;
+        return (flown, Vec::new());
     };
     let settings = FlightSettings {
         policy: name,
@@ -107,7 +120,7 @@ pub fn fly(scenario: &Scenario, choice: &PolicyChoice, profile: Profile) -> Flow
         pace: Pace::Max,
         seed: 1,
         symbols_per_slot: 1,
-        events: Events::default(),
+        events: events.clone(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, profile));
     let record = flight::fly(
@@ -124,7 +137,9 @@ pub fn fly(scenario: &Scenario, choice: &PolicyChoice, profile: Profile) -> Flow
             failed.record
         }
     };
+    let mut path = Vec::new();
     if let Some(record) = record {
+        path = record.slots.iter().map(|slot| slot.flown).collect();
         let summary = record.summary();
         flown.sum_rate = summary.sum_rate;
         flown.violations += summary.constraint_violations
@@ -133,5 +148,5 @@ pub fn fly(scenario: &Scenario, choice: &PolicyChoice, profile: Profile) -> Flow
         flown.inaccurate_slots = summary.mse_violations;
         flown.decision_us = summary.plan_us.median;
     }
-    flown
+    (flown, path)
 }

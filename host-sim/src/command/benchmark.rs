@@ -11,12 +11,14 @@ use std::{
 
 use clap::Args;
 use host_sim::{
-    benchmark::{self, Bounds, Flown, PolicyStatistics, statistics},
+    benchmark::{
+        self, Bounds, ChangeFlight, ChangeStatistics, Flown, PolicyStatistics, statistics,
+    },
     policy::PolicyChoice,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
-use scenario::Scenario;
+use scenario::{EventKind, Scenario};
 use vehicle::Profile;
 
 use super::{Failure, terminal};
@@ -42,6 +44,11 @@ pub(crate) struct BenchmarkArguments {
     /// Certify the bounds that bounds.csv does not have yet, and fly nothing
     #[arg(long)]
     certify: bool,
+    /// Fly this many missions in which something changes at mid-mission (users move, leave or join,
+    /// sensors leave, the MSE threshold, speed limit or number of slots falls), and compare with
+    /// plans that knew it from the start
+    #[arg(long, value_name = "N", conflicts_with_all = ["certify", "results"])]
+    changes: Option<u16>,
     /// Print the statistics as JSON
     #[arg(long)]
     json: bool,
@@ -64,6 +71,9 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     } else {
         &arguments.policy
     };
+    if let Some(count) = arguments.changes {
+        return pool.install(|| fly_changes(arguments, policies, &scenarios, count.into()));
+    }
     let known = match &arguments.results {
         Some(path) => read_results(path)?,
         None => Vec::new(),
@@ -81,6 +91,64 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     }
     write!(out, "{}", table(&found))?;
     Ok(())
+}
+
+/// Flies missions that change in flight, and prints the table.
+fn fly_changes(
+    arguments: &BenchmarkArguments,
+    policies: &[PolicyChoice],
+    scenarios: &[Scenario],
+    count: usize,
+) -> Result<(), Failure> {
+    let missions = benchmark::change_missions(scenarios, count);
+    let jobs: Vec<_> = missions
+        .iter()
+        .flat_map(|mission| policies.iter().map(move |policy| (mission, policy)))
+        .collect();
+    let bar = bar(jobs.len());
+    let flights: Vec<ChangeFlight> = jobs
+        .par_iter()
+        .map(|(mission, policy)| {
+            let flight = mission.fly(policy, arguments.profile);
+            bar.set_message(flight.flown.mission.clone());
+            bar.inc(1);
+            flight
+        })
+        .collect();
+    bar.finish_and_clear();
+    let mut out = std::io::stdout().lock();
+    if arguments.json {
+        serde_json::to_writer_pretty(&mut out, &flights).map_err(Failure::failed)?;
+        writeln!(out)?;
+        return Ok(());
+    }
+    write!(out, "{}", change_table(&flights, policies))?;
+    Ok(())
+}
+
+fn change_table(flights: &[ChangeFlight], policies: &[PolicyChoice]) -> String {
+    let mut text = format!(
+        "share of a plan that knew the change from the start\n{:<42} {:<14} {:>6} {:>7} {:>7} {:>7}\n",
+        "at mid-mission", "policy", "flown", "mean", "worst", "broken"
+    );
+    let kinds = EventKind::ALL.into_iter().map(Some).chain([None]);
+    for kind in kinds {
+        for policy in policies {
+            let Some(row) = ChangeStatistics::of(flights, &policy.to_string(), kind) else {
+                continue;
+            };
+            text += &format!(
+                "{:<42} {:<14} {:>6} {:>7.4} {:>7.4} {:>7}\n",
+                kind.map_or("all of these", EventKind::title),
+                row.policy,
+                row.flown,
+                row.mean,
+                row.worst,
+                row.violations
+            );
+        }
+    }
+    text
 }
 
 fn bar(length: usize) -> ProgressBar {

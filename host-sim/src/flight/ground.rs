@@ -5,6 +5,7 @@ use firmware_core::{
     controller::DatedChange,
     inner::Method,
     link::{self, Arrival, Decoder, FRAME_MAX, Message, NumberedChange},
+    mission::MEASUREMENT_M,
     time::Instant,
 };
 
@@ -109,6 +110,7 @@ impl Ground {
     /// Returns the changes up to the slot after `slot` that the vehicle does not have yet, as
     /// frames.
     fn news<T: Scalar>(&mut self, slot: u32) -> Vec<u8> {
+        let is_late = self.is_out_of_reach_after(slot);
         let known = self.link.vehicle.slots.changes;
         let numbered = (1..).zip(self.events.changes());
         let due = numbered.filter(|(_, change)| change.from_slot <= slot + 1);
@@ -117,7 +119,10 @@ impl Ground {
             if number > self.announced {
                 self.announced = number;
                 let DatedChange { from_slot, change } = change;
-                let words = format!("from slot {from_slot} on, {change}");
+                let mut words = format!("from slot {from_slot} on, {change}");
+                if is_late {
+                    words += ", and the destination is out of reach";
+                }
                 self.announcements.push(words);
             }
             let change = precision::change::<T>(change);
@@ -125,6 +130,17 @@ impl Ground {
             frames.extend(encode(&message));
         }
         frames
+    }
+
+    /// Returns whether the events of the slot after `slot` leave too little time for the way to the
+    /// destination.
+    fn is_out_of_reach_after(&self, slot: u32) -> bool {
+        let mission = self.world.timeline().in_slot(slot + 1);
+        let slots_left = f64::from(mission.slots().saturating_sub(slot) + 1);
+        let destination = mission.parameters().destination;
+        let reach_m = slots_left * mission.reach_m() + MEASUREMENT_M;
+        let way = self.arrival.map(|(_, position)| position - destination);
+        way.is_some_and(|way| way.norm() > reach_m)
     }
 
     /// Takes what was announced to the vehicle since the last call, in words.

@@ -3,13 +3,17 @@
 use pathfinding::{kuhn_munkres::kuhn_munkres, matrix::Matrix};
 
 /// Returns the admissible assignment of users to slots with the largest sum of rates: every user
-/// has at least `quota` slots, and every slot has one user. `rates` is a matrix of slots by users,
-/// row by row.
+/// has at least as many slots as its quota, and every slot has one user. `rates` is a matrix of
+/// slots by users, row by row; `quotas` has one entry per user, in sum at most the number of slots.
 ///
-/// Each user has `quota` seats. Each remaining slot is assigned to the user with the highest rate
-/// in it. Worst case: cubic in the number of slots.
-pub fn assign(rates: &[f64], users: usize, quota: usize) -> Vec<usize> {
+/// Each user has as many seats as its quota. Each remaining slot is assigned to the user with the
+/// highest rate in it. Worst case: cubic in the number of slots.
+pub fn assign(rates: &[f64], quotas: &[usize]) -> Vec<usize> {
+    let users = quotas.len();
     let slots = rates.len() / users;
+    let seats: Vec<usize> = (quotas.iter().enumerate())
+        .flat_map(|(user, &quota)| std::iter::repeat_n(user, quota))
+        .collect();
     let best = |slot: usize| {
         let row = &rates[slot * users..][..users];
         (1..users).fold(
@@ -18,19 +22,16 @@ pub fn assign(rates: &[f64], users: usize, quota: usize) -> Vec<usize> {
         )
     };
     let user_of_seat = |slot: usize, seat: usize| {
-        if seat < users * quota {
-            seat / quota
-        } else {
-            best(slot)
-        }
+        let owner = seats.get(seat).copied();
+        owner.unwrap_or_else(|| best(slot))
     };
     // Fixed point: 2^-40 bit/s/Hz is far below the accuracy of a rate.
     let fixed_point = |rate: f64| (rate * 1_099_511_627_776.0) as i64;
     let weights = Matrix::from_fn(slots, slots, |(slot, seat)| {
         fixed_point(rates[slot * users + user_of_seat(slot, seat)])
     });
-    let (_, seats) = kuhn_munkres(&weights);
-    seats
+    let (_, taken) = kuhn_munkres(&weights);
+    taken
         .into_iter()
         .enumerate()
         .map(|(slot, seat)| user_of_seat(slot, seat))
@@ -69,7 +70,7 @@ mod tests {
                     .map(|_| rng.random_range(0.0..3.0))
                     .collect();
                 let quota = slots / users;
-                let served = assign(&rates, users, quota);
+                let served = assign(&rates, &vec![quota; users]);
                 let sum: f64 = (0..slots)
                     .map(|slot| rates[slot * users + served[slot]])
                     .sum();

@@ -43,7 +43,7 @@ pub(crate) fn refine<const M: usize, const J: usize>(
         for _ in 0..ROUNDS_PER_SPACING {
             let stencils = rules.stencils(&plan.waypoints, spacing_m);
             let (_, path) = stencils.best_chain(&plan.users);
-            let better = Plan::assigned(rules.mission, path);
+            let better = rules.assigned(path);
             let gain = better.sum_rate - plan.sum_rate;
             if gain > 0.0 {
                 plan = better;
@@ -70,7 +70,7 @@ pub(crate) fn rearrange<const M: usize, const J: usize>(
                 break;
             };
             let (_, path) = stencils.best_chain(&users);
-            let better = Plan::assigned(rules.mission, path);
+            let better = rules.assigned(path);
             if better.sum_rate <= least {
                 break;
             }
@@ -91,13 +91,15 @@ pub(crate) fn made_admissible<const M: usize, const J: usize>(
     let p = rules.mission.parameters();
     // Rounding to the lattice may move a waypoint out of the disc around the destination by less
     // than a quantum. A step is that much longer than the amount by which the disc shrinks.
-    let step_m = rules.reach_m - rules.quantum_m;
-    let home_m = step_m - rules.quantum_m;
+    let step_m = |index: usize| rules.reach_in(index) - rules.quantum_m;
+    let home_m = |index: usize| step_m(index) - rules.quantum_m;
     let mut from = p.start;
     let mut path = Vec::with_capacity(wished.len());
     for (index, wish) in wished.iter().enumerate() {
-        let left = (wished.len() - index) as f64;
-        let set = ReachableSet::new(p.area, from, step_m, p.destination, left * home_m);
+        let homeward: Vec<f64> = (index + 1..=wished.len()).map(home_m).collect();
+        let runs = homeward.chunk_by(|a, b| a == b);
+        let left_m = runs.map(|run| run.len() as f64 * run[0]).sum();
+        let set = ReachableSet::new(p.area, from, step_m(index), p.destination, left_m);
         from = rules.on_lattice(set.nearest(wish)?)?;
         path.push(from);
     }

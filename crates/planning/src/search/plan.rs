@@ -6,7 +6,7 @@ use firmware_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use scenario::PlaceRates;
+use scenario::{ABSENT_RATE, PlaceRates};
 
 use super::assign;
 
@@ -27,13 +27,25 @@ impl Plan {
         mission: &Mission<f64, M, J>,
         waypoints: Vec<Position<f64>>,
     ) -> Self {
-        let users = mission.user_count();
-        let mut rates = vec![0.0; waypoints.len() * users];
-        let mut place_rates = PlaceRates::new(mission);
-        for (place, row) in waypoints.iter().zip(rates.chunks_mut(users)) {
-            place_rates.write(place, row);
+        Self::assigned_in(|_| mission, mission, waypoints)
+    }
+
+    /// As [`assigned`](Self::assigned) for a mission that changes: `mission_in` returns it as it is
+    /// in the slot of a waypoint, `at_end` has its users and quotas at the end.
+    pub(crate) fn assigned_in<'m, const M: usize, const J: usize>(
+        mission_in: impl Fn(usize) -> &'m Mission<f64, M, J>,
+        at_end: &'m Mission<f64, M, J>,
+        waypoints: Vec<Position<f64>>,
+    ) -> Self {
+        let users = at_end.user_count();
+        let mut rates = vec![ABSENT_RATE; waypoints.len() * users];
+        for (index, place) in waypoints.iter().enumerate() {
+            let row = &mut rates[index * users..][..users];
+            PlaceRates::new(mission_in(index)).write(place, row);
         }
-        let served = assign(&rates, users, mission.quota() as usize);
+        let quotas = (0..users).map(|user| at_end.quota_of(user) as usize);
+        let quotas: Vec<usize> = quotas.collect();
+        let served = assign(&rates, &quotas);
         let slot_rates = served.iter().zip(rates.chunks(users));
         let sum_rate = slot_rates.map(|(&user, row)| row[user]).sum();
         Self {

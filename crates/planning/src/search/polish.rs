@@ -8,9 +8,9 @@
 use firmware_core::{Mission, Position};
 use rayon::prelude::*;
 
-use scenario::PlaceRates;
+use scenario::{ABSENT_RATE, PlaceRates};
 
-use super::rearrange::Stencils;
+use super::{plan::Plan, rearrange::Stencils};
 
 /// The number of candidates to each side of a waypoint.
 const STENCIL_REACH: i32 = 4;
@@ -24,6 +24,8 @@ const STENCIL_SIDE: usize = 2 * STENCIL_REACH as usize + 1;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PathRules<'m, const M: usize, const J: usize> {
     pub(crate) mission: &'m Mission<f64, M, J>,
+    /// What the mission becomes in flight: first slots, ascending, and missions.
+    later: &'m [(u32, Mission<f64, M, J>)],
     /// `V_max delta` minus the margin, and at most what is needed to cross the area, metres.
     pub(crate) reach_m: f64,
     /// The spacing of the lattice, metres.
@@ -32,6 +34,15 @@ pub(crate) struct PathRules<'m, const M: usize, const J: usize> {
 
 impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
     pub(crate) fn new(mission: &'m Mission<f64, M, J>) -> Self {
+        Self::changing(mission, &[])
+    }
+
+    /// Creates the rules of a mission that becomes another one in flight: `later` has the first slot
+    /// of each version, ascending.
+    pub(crate) fn changing(
+        mission: &'m Mission<f64, M, J>,
+        later: &'m [(u32, Mission<f64, M, J>)],
+    ) -> Self {
         let area = mission.parameters().area;
         let extent_m = area.east_m.max(area.north_m);
         // 2^23 steps across the area leave one bit of the mantissa of f32 unused.
@@ -41,9 +52,39 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         let reach_m = mission.reach_m().min(2.0 * extent_m);
         Self {
             mission,
+            later,
             reach_m: reach_m - 2.0 * quantum_m,
             quantum_m,
         }
+    }
+
+    /// Returns the mission as it is in the slot of waypoint `index`.
+    pub(crate) fn mission_in(&self, index: usize) -> &'m Mission<f64, M, J> {
+        let versions = self.later.iter().rev();
+        let mut begun = versions.filter(|(slot, _)| *slot as usize <= index + 1);
+        begun.next().map_or(self.mission, |(_, mission)| mission)
+    }
+
+    fn at_end(&self) -> &'m Mission<f64, M, J> {
+        self.later.last().map_or(self.mission, |(_, end)| end)
+    }
+
+    /// Returns the number of slots of the mission.
+    pub(crate) fn slots(&self) -> usize {
+        self.at_end().slots() as usize
+    }
+
+    /// Returns the longest step to waypoint `index`; after the last one, to the destination.
+    pub(crate) fn reach_in(&self, index: usize) -> f64 {
+        match self.later {
+            [] => self.reach_m,
+            _ => (self.mission_in(index).reach_m() - 2.0 * self.quantum_m).min(self.reach_m),
+        }
+    }
+
+    /// Returns the plan of a path with the best fair assignment.
+    pub(crate) fn assigned(&self, path: Vec<Position<f64>>) -> Plan {
+        Plan::assigned_in(|index| self.mission_in(index), self.at_end(), path)
     }
 
     /// Returns the lattice point nearest to a position, or `None` if that point is outside the
@@ -57,8 +98,10 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
             .then_some(place)
     }
 
-    fn joins(&self, from: &Position<f64>, to: &Position<f64>) -> bool {
-        (to - from).norm_squared() <= self.reach_m * self.reach_m
+    /// Returns whether the vehicle can fly to waypoint `index` at `to` in its slot.
+    fn joins(&self, index: usize, from: &Position<f64>, to: &Position<f64>) -> bool {
+        let reach_m = self.reach_in(index);
+        (to - from).norm_squared() <= reach_m * reach_m
     }
 
     /// Returns whether a path from the mission's start has a waypoint for every slot, satisfies the
@@ -66,40 +109,39 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
     pub(crate) fn admits(&self, path: &[Position<f64>]) -> bool {
         let p = self.mission.parameters();
         // If no chain connects the cells, the path has no waypoints.
-        if path.len() != self.mission.slots() as usize {
+        if path.len() != self.slots() {
             return false;
         }
         let mut from = &p.start;
-        for to in path {
-            if !(self.joins(from, to) && p.area.contains(to)) {
+        for (index, to) in path.iter().enumerate() {
+            if !(self.joins(index, from, to) && p.area.contains(to)) {
                 return false;
             }
             from = to;
         }
-        self.joins(from, &p.destination)
+        self.joins(path.len(), from, &p.destination)
     }
 
     /// Returns the stencils of the given spacing around `path`, which must be admissible.
     pub(crate) fn stencils(&self, path: &[Position<f64>], spacing_m: f64) -> Stencils {
         let p = self.mission.parameters();
-        let users = self.mission.user_count();
+        let users = self.at_end().user_count();
         let places: Vec<Vec<Position<f64>>> = path
             .iter()
             .map(|center| self.stencil(center, spacing_m).collect())
             .collect();
-        let rates = places.par_iter().map_init(
-            || (PlaceRates::new(self.mission), [0.0; M]),
-            |(place_rates, row), places| {
-                let mut rates = vec![vec![0.0; places.len()]; users];
-                for (index, place) in places.iter().enumerate() {
-                    place_rates.write(place, &mut row[..users]);
-                    for (rates, &rate) in rates.iter_mut().zip(row.iter()) {
-                        rates[index] = rate;
-                    }
+        let rates = places.par_iter().enumerate().map(|(slot, places)| {
+            let mut place_rates = PlaceRates::new(self.mission_in(slot));
+            let mut rates = vec![vec![0.0; places.len()]; users];
+            for (index, place) in places.iter().enumerate() {
+                let mut row = [ABSENT_RATE; M];
+                place_rates.write(place, &mut row[..users]);
+                for (rates, &rate) in rates.iter_mut().zip(row.iter()) {
+                    rates[index] = rate;
                 }
-                rates
-            },
-        );
+            }
+            rates
+        });
         let start = vec![p.start];
         let joined = places.par_iter().enumerate().map(|(slot, here)| {
             let before = slot
@@ -109,7 +151,7 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
                 let joined = before
                     .iter()
                     .enumerate()
-                    .filter(|(_, from)| self.joins(from, to));
+                    .filter(|(_, from)| self.joins(slot, from, to));
                 joined.fold(0, |bits, (index, _)| bits | 1_u128 << index)
             };
             here.iter().map(bits).collect()
@@ -117,7 +159,7 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         let (rates, joined) = (rates.collect(), joined.collect());
         let last = places.last().into_iter().flatten();
         let home = last
-            .map(|place| self.joins(place, &p.destination))
+            .map(|place| self.joins(path.len(), place, &p.destination))
             .collect();
         Stencils {
             places,

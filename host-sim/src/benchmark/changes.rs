@@ -1,0 +1,125 @@
+//! Missions that change in flight: what replanning reaches of what a planner reaches that knew the
+//! events from the start.
+
+use planning::{hindsight::hindsight, planner};
+use scenario::{EventKind, Events, Scenario};
+use serde::Serialize;
+use vehicle::Profile;
+
+use super::{Flown, fly_through};
+use crate::policy::PolicyChoice;
+
+/// A mission and what changes in it.
+#[derive(Clone, Debug)]
+pub struct ChangeMission {
+    /// The mission before the events.
+    pub scenario: Scenario,
+    /// What kind of change it is.
+    pub kind: EventKind,
+    /// The events, at mid-mission.
+    pub events: Events,
+}
+
+/// A flight through a mission that changes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChangeFlight {
+    /// What kind of change it is.
+    pub kind: EventKind,
+    /// The flight.
+    #[serde(flatten)]
+    pub flown: Flown,
+    /// The sum of the rates of a plan that knew the events, bit/s/Hz.
+    pub hindsight: f64,
+}
+
+/// The flights of one policy through one kind of change.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChangeStatistics {
+    /// The kind; `None` for all kinds together.
+    pub kind: Option<EventKind>,
+    /// The policy.
+    pub policy: String,
+    /// The number of flights.
+    pub flown: usize,
+    /// The mean share of hindsight.
+    pub mean: f64,
+    /// The smallest share.
+    pub worst: f64,
+    /// The mission with the smallest share.
+    pub worst_mission: String,
+    /// The number of violated constraints, arrival and fairness included.
+    pub violations: usize,
+}
+
+/// Returns `count` missions of a set with events, the kinds in turn. A mission is left out if it is
+/// too small for its kind, or if its destination would be out of reach from where the plan without
+/// events leads by then.
+pub fn change_missions(scenarios: &[Scenario], count: usize) -> Vec<ChangeMission> {
+    let mut left = scenarios.iter();
+    let kinds = EventKind::ALL.into_iter().cycle().take(count);
+    let chosen = kinds.map_while(|kind| {
+        left.find_map(|scenario| {
+            let seed = scenario.mission.slots().into();
+            let events = kind.draw(&scenario.mission, seed)?;
+            leaves_a_way(scenario, &events).then(|| ChangeMission {
+                scenario: scenario.clone(),
+                kind,
+                events,
+            })
+        })
+    });
+    chosen.collect()
+}
+
+/// Returns whether the destination stays within reach of the plan without events.
+fn leaves_a_way(scenario: &Scenario, events: &Events) -> bool {
+    let timeline = events.timeline(&scenario.mission);
+    let Ok(plan) = planner::plan(&scenario.mission, |_| {}) else {
+        return false;
+    };
+    timeline.versions()[1..].iter().all(|(from_slot, mission)| {
+        let done = from_slot - 1;
+        let place = plan.waypoints[done as usize - 1];
+        let slots_left = f64::from(mission.slots().saturating_sub(done) + 1);
+        // A tenth of a slot to spare, for vehicles that are not exactly where the plan is.
+        let reach_m = (slots_left - 0.1) * mission.reach_m();
+        (place - mission.parameters().destination).norm() <= reach_m
+    })
+}
+
+impl ChangeMission {
+    /// Flies the mission with one policy, and plans it with hindsight.
+    pub fn fly(&self, choice: &PolicyChoice, profile: Profile) -> ChangeFlight {
+        let (flown, path) = fly_through(&self.scenario, &self.events, choice, profile);
+        let known = hindsight(&self.scenario.mission, &self.events, &path);
+        ChangeFlight {
+            kind: self.kind,
+            flown,
+            hindsight: known.map_or(f64::NAN, |plan| plan.sum_rate),
+        }
+    }
+}
+
+impl ChangeStatistics {
+    /// Returns the statistics of `policy` for one kind, or for all of them; `None` without flights.
+    pub fn of(flights: &[ChangeFlight], policy: &str, kind: Option<EventKind>) -> Option<Self> {
+        let own = flights.iter().filter(|flight| {
+            flight.flown.policy == policy && kind.is_none_or(|kind| flight.kind == kind)
+        });
+        let shares = own.clone().map(|flight| {
+            let share = flight.flown.sum_rate / flight.hindsight;
+            (share, flight.flown.mission.as_str())
+        });
+        let (worst, worst_mission) = shares.clone().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let count = own.clone().count();
+        Some(Self {
+            kind,
+            policy: policy.into(),
+            flown: count,
+            mean: shares.map(|(share, _)| share).sum::<f64>() / count as f64,
+            worst,
+            worst_mission: worst_mission.into(),
+            violations: own.map(|flight| flight.flown.violations).sum(),
+        })
+    }
+}
