@@ -102,12 +102,25 @@ fn the_format_is_stable() {
     );
 }
 
+/// A buffer suffices from the length on that COBS can need for the message, and every smaller one is
+/// an error.
 #[test]
 fn too_small_a_buffer_is_an_error() {
-    assert_eq!(
-        encode(&channel_state(1), &mut [0; 64]),
-        Err(FrameTooLong { capacity: 64 })
-    );
+    for message in [channel_state(1), largest_state(), full_status()] {
+        let mut plain = frame(&message);
+        plain.pop();
+        let plain = cobs::decode_in_place(&mut plain[1..]).expect("a frame");
+        let needed = 1 + cobs::max_encoding_length(plain) + 1;
+        for capacity in 0..=FRAME_MAX {
+            let mut buffer = [0; FRAME_MAX];
+            let outcome = encode(&message, &mut buffer[..capacity]);
+            if capacity < needed {
+                assert_eq!(outcome, Err(FrameTooLong { capacity }));
+            } else {
+                assert!(outcome.is_ok(), "{capacity} of {needed}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -136,12 +149,11 @@ fn a_flood_is_dropped_and_the_next_frame_arrives() {
 /// Everything at its longest.
 fn full_status() -> HostMessage {
     let count = u32::MAX;
-    let status: VehicleStatus = postcard::from_bytes(
-        &[[0xff; 4].as_slice(), &[0x0f]]
-            .concat()
-            .repeat(VehicleStatus::COUNTERS),
-    )
-    .expect("as many counters as are claimed");
+    let counters = [[0xff; 4].as_slice(), &[0x0f]].concat();
+    let bytes = counters.repeat(VehicleStatus::COUNTERS);
+    let (status, rest): (VehicleStatus, _) =
+        postcard::take_from_bytes(&bytes).expect("as many counters as are claimed");
+    assert!(rest.is_empty(), "fewer counters than are claimed");
     assert_eq!(status.slots_done, count);
     Message::Status(status)
 }
