@@ -172,6 +172,28 @@ fn the_longest_frame_is_known() {
     );
 }
 
+/// So is it at capacities where another message is the longest: few users leave the command, and
+/// few sensors the status.
+#[test]
+fn the_bound_is_that_of_the_longest_message() {
+    let mut command = largest_command();
+    if let Message::Command(command) = &mut command {
+        command.served_user = Some(usize::MAX);
+    }
+    // Lengths below 128 take one byte of the three that the bound has for each.
+    for (users, sensors, message, lengths) in [
+        (16, 64, largest_state(), 2),
+        (1, 64, command, 1),
+        (1, 1, full_status(), 0),
+    ] {
+        let mut bytes = frame(&message);
+        bytes.pop();
+        let plain = cobs::decode_in_place(&mut bytes[1..]).expect("a frame");
+        let longest = 1 + cobs::max_encoding_length(plain + 2 * lengths) + 1;
+        assert_eq!(longest, frame_max(users, sensors), "{users} {sensors}");
+    }
+}
+
 /// Something that happens to bytes on their way.
 #[derive(Clone, Debug)]
 enum Damage {

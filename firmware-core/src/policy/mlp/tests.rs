@@ -206,7 +206,14 @@ fn a_header_that_makes_no_policy_is_refused() {
         let sizes = heapless::Vec::from_slice(sizes).expect("short");
         Header { sizes, ..header() }.check()
     };
-    for sound in [&[19, 17][..], &[19, 1, 17], &[19, 256, 256, 17]] {
+    let most_layers = [19, 8, 8, 8, 8, 8, 17];
+    assert_eq!(most_layers.len(), LAYERS_MAX + 1);
+    for sound in [
+        &[19, 17][..],
+        &[19, 1, 17],
+        &[19, 256, 256, 17],
+        &most_layers,
+    ] {
         assert_eq!(with_sizes(sound), Ok(()));
     }
     for unsound in [
