@@ -54,6 +54,37 @@ fn check_constraints(problem: &Problem, solution: &Solution<f64>) {
     }
 }
 
+/// The status says how the iteration ended, and what limits the rate.
+fn check_end(problem: &Problem, outcome: AlternatingOutcome, solution: &Solution<f64>) {
+    let heard = problem.user_gain.0 * problem.limits.user_power_max.0 > 0.0;
+    let context = || format!("{outcome:?} {solution:?} {problem:?}");
+    match solution.status {
+        Status::Converged { limited_by } | Status::IterationLimit { limited_by } => {
+            let converged = matches!(solution.status, Status::Converged { .. });
+            let expected = if converged {
+                AlternatingOutcome::Converged
+            } else {
+                AlternatingOutcome::IterationLimit
+            };
+            assert_eq!(outcome, expected);
+            let (power, most) = (solution.user_power.0, problem.limits.user_power_max.0);
+            assert!(
+                limited_by != LimitedBy::Power || power == most,
+                "{}",
+                context()
+            );
+            let below = power < most * (1.0 - 1e-9);
+            assert!(!below || limited_by == LimitedBy::Accuracy, "{}", context());
+            assert!(heard, "{}", context());
+        }
+        Status::Optimal { limited_by } => {
+            assert!(!heard && limited_by == LimitedBy::None, "{}", context());
+        }
+        Status::Infeasible { .. } => assert_eq!(outcome, AlternatingOutcome::Infeasible),
+        Status::Guaranteed { .. } => panic!("of another solver: {}", context()),
+    }
+}
+
 /// At least 0.99 of the optimum at `xi = 1e-3` and 0.9999 at `1e-6`, on every feasible slot; the
 /// objective never falls; infeasible slots are the same ones.
 #[test]
@@ -64,7 +95,7 @@ fn alternating_approaches_the_optimum() {
             ..AlternatingSettings::default()
         };
         let mut random = generator(5);
-        let (mut least, mut most_work) = (1.0_f64, 0);
+        let (mut least, mut most_work, mut cut) = (1.0_f64, 0, 0);
         for _ in 0..3_000 {
             let problem = Problem::draw(&mut random);
             let best = solve(&problem, Method::Exact);
@@ -83,6 +114,9 @@ fn alternating_approaches_the_optimum() {
                 !best.status.is_feasible()
             );
             check_constraints(&problem, &solution);
+            assert!(report.subproblems >= report.outer_steps);
+            check_end(&problem, report.outcome, &solution);
+            cut += u32::from(report.outcome == AlternatingOutcome::IterationLimit);
             let rounding = 1e-9 * best.rate + 1e-13 * problem.sensors() as f64;
             assert!(
                 solution.rate <= best.rate + rounding,
@@ -97,10 +131,65 @@ fn alternating_approaches_the_optimum() {
                 least = least.min(solution.rate / best.rate);
             }
         }
+        assert!(cut <= 10, "{cut} of 3,000 did not converge");
         println!(
             "xi = {tolerance:e}: at least {least} of the optimum, at most {most_work} subproblems"
         );
     }
+}
+
+/// The stop rule: the steps and subproblems that 100 slots take. A change of these numbers is a
+/// change of the algorithm.
+#[test]
+fn the_steps_are_those_of_the_stop_rule() {
+    for (tolerance, expected) in [
+        (1e-2, (465, 32_868)),
+        (1e-3, (1240, 39_425)),
+        (1e-5, (4265, 84_223)),
+    ] {
+        let settings = AlternatingSettings {
+            tolerance,
+            ..AlternatingSettings::default()
+        };
+        let mut random = generator(11);
+        let (mut outer_steps, mut subproblems) = (0, 0);
+        for _ in 0..100 {
+            let problem = Problem::draw(&mut random);
+            let mut seen = 0;
+            let report = with_field(&problem, |field| {
+                field.alternate(Some(problem.user_gain), &settings, |step| {
+                    assert!(step.subproblems > seen, "{step:?}");
+                    seen = step.subproblems;
+                })
+            })
+            .expect("a gain");
+            assert_eq!(report.subproblems, seen);
+            outer_steps += report.outer_steps;
+            subproblems += report.subproblems;
+        }
+        assert_eq!((outer_steps, subproblems), expected, "{tolerance}");
+    }
+}
+
+/// The iteration begins where its first subproblem is feasible: the first step serves the user.
+#[test]
+fn the_first_step_has_a_rate() {
+    let settings = AlternatingSettings {
+        outer_max: 1,
+        ..AlternatingSettings::default()
+    };
+    let mut random = generator(12);
+    let mut served = 0;
+    for _ in 0..1_000 {
+        let problem = Problem::draw(&mut random);
+        let best = solve(&problem, Method::Exact);
+        if best.rate > 1e-3 {
+            served += 1;
+            let first = solve(&problem, Method::Alternating(settings));
+            assert!(first.rate > 0.0, "{first:?} {best:?} {problem:?}");
+        }
+    }
+    assert!(served > 100, "{served}");
 }
 
 /// An iteration that is stopped at any step keeps the constraints and reports the limit.
@@ -168,6 +257,7 @@ fn alternating_in_single_precision() {
 #[test]
 fn fixed_user_power_is_optimal_among_its_kind() {
     let mut random = generator(9);
+    let mut unheard = 0;
     for _ in 0..20_000 {
         let problem = Problem::draw(&mut random);
         let best = solve(&problem, Method::Exact);
@@ -180,6 +270,10 @@ fn fixed_user_power_is_optimal_among_its_kind() {
             "{fixed:?} {best:?} {problem:?}"
         );
         let off = fixed.user_power.0 == 0.0;
+        if problem.user_gain.0 == 0.0 {
+            unheard += 1;
+            assert_eq!(fixed, best, "{problem:?}");
+        }
         assert!(off || (fixed.user_power.0 / power.0 - 1.0).abs() < 1e-12);
         // The power that the optimum uses is as good fixed as free.
         let same = solve(
@@ -203,6 +297,7 @@ fn fixed_user_power_is_optimal_among_its_kind() {
             );
         }
     }
+    assert!(unheard > 100, "{unheard}");
 }
 
 #[test]
@@ -227,6 +322,21 @@ fn fixed_sensor_power_is_optimal_among_its_kind() {
             assert!(gain.0 == 0.0 || (b * b / power.0 - 1.0).abs() < 1e-12);
         }
         feasible += u32::from(fixed.status.is_feasible());
+        match fixed.status {
+            Status::Infeasible { least_mse } => {
+                let mse = problem
+                    .slot(&problem.coefficients(&fixed), Watt(0.0))
+                    .mse(fixed.normalizing_factor);
+                assert!(
+                    (mse - least_mse).abs() <= 1e-9 * mse,
+                    "{fixed:?} {problem:?}"
+                );
+            }
+            status => {
+                let heard = problem.user_gain.0 * problem.limits.user_power_max.0 > 0.0;
+                assert_eq!(status.limited_by() == LimitedBy::None, !heard);
+            }
+        }
         // A little more user power would break the accuracy or the bound.
         if fixed.status.limited_by() == LimitedBy::Accuracy && fixed.rate > 1e-6 {
             let coefficients = problem.coefficients(&fixed);
@@ -235,4 +345,22 @@ fn fixed_sensor_power_is_optimal_among_its_kind() {
         }
     }
     assert!(feasible > 1_000, "{feasible}");
+}
+
+/// A fixed sensor power is kept by a sensor beside which the noise is below rounding, and is no
+/// power at all where sensors have none.
+#[test]
+fn fixed_sensor_power_at_the_ends_of_the_range() {
+    let mut random = generator(13);
+    let mut problem = Problem::draw_with(&mut random, 4);
+    problem.sensor_gains = [1e25, 1e-3, 1e-12, 1e25].map(PowerGain).to_vec();
+    let power = Watt(problem.limits.sensor_power_max.0 * 0.25);
+    let fixed = solve(&problem, Method::FixedSensorPower(power));
+    for b in problem.coefficients(&fixed) {
+        assert!((b * b / power.0 - 1.0).abs() < 1e-12, "{b}");
+    }
+    let silent = problem.with(|limits| limits.sensor_power_max.0 = 0.0);
+    let fixed = solve(&silent, Method::FixedSensorPower(power));
+    assert_eq!(fixed.status, Status::Infeasible { least_mse: 0.25 });
+    assert_eq!(silent.coefficients(&fixed), [0.0; 4]);
 }

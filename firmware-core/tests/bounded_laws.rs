@@ -73,7 +73,11 @@ fn promises_hold<T: Scalar>(seed: u64, cases: u32) -> u32 {
             context()
         );
         match promise.status {
-            Status::Guaranteed { .. } => feasible += 1,
+            Status::Guaranteed { .. } => {
+                feasible += 1;
+                let most = limits.mse_threshold * (T::one() + T::CONSTRAINT_TOLERANCE);
+                assert!(promise.mse <= most, "{}", context());
+            }
             Status::Infeasible { least_mse } => {
                 assert!(
                     power.0 == T::zero() && promise.mse == least_mse,
@@ -157,6 +161,7 @@ fn known_gains_cost_nothing() {
 #[test]
 fn the_quietest_choice_is_the_quietest() {
     let mut random = generator(34);
+    let mut compared = 0;
     for _ in 0..2_000 {
         let problem = Problem::draw(&mut random);
         let (sensors, _) = widen(&problem, &mut random);
@@ -172,8 +177,18 @@ fn the_quietest_choice_is_the_quietest() {
                 }
         ));
         let b_max = problem.limits.coefficient_max();
+        // The `eta` at which the strongest sensor begins to reduce its power, not that of the
+        // promise: beside a wrong one there would be no rivals.
+        let strongest = sensors
+            .iter()
+            .map(|gain| gain.least.amplitude() + gain.most.amplitude())
+            .fold(0.0, f64::max);
+        if strongest == 0.0 {
+            continue;
+        }
+        compared += 1;
         for _ in 0..200 {
-            let eta = promise.normalizing_factor * log_uniform(&mut random, 1e-2, 1e2);
+            let eta = 2.0 / (b_max * strongest) * log_uniform(&mut random, 1e-3, 1e3);
             let noise = eta * eta * problem.limits.noise_power.0;
             let error = sensors.iter().fold(noise, |sum, gain| {
                 let (low, high) = (gain.least.amplitude(), gain.most.amplitude());
@@ -188,6 +203,45 @@ fn the_quietest_choice_is_the_quietest() {
             );
         }
     }
+    assert!(compared > 1_000, "{compared}");
+}
+
+/// The rate is at least that of the quietest choice with the power that it leaves to the user.
+#[test]
+fn the_better_of_two_choices_is_kept() {
+    let mut random = generator(36);
+    let mut kept = 0;
+    for _ in 0..2_000 {
+        let problem = Problem::draw(&mut random);
+        let (sensors, user) = widen(&problem, &mut random);
+        let mut workspace = Workspace::<f64, 64>::default();
+        let mut guarantee = |user| {
+            workspace
+                .guarantee(&problem.limits, &sensors, user)
+                .expect("a slot problem")
+        };
+        let (promise, quietest) = (guarantee(Some(user)), guarantee(None));
+        assert!(promise.status.is_feasible() || !quietest.status.is_feasible());
+        let noise_power = problem.limits.noise_power.0;
+        let room = problem.limits.mse_threshold * (1.0 - 1e-12) - quietest.mse;
+        let count = problem.sensors() as f64;
+        let eta = quietest.normalizing_factor;
+        if room <= 0.0 || user.least.0 <= 0.0 || eta <= 0.0 {
+            continue;
+        }
+        let affordable = room * count * count / (eta * eta * user.most.0);
+        let power = affordable.min(problem.limits.user_power_max.0);
+        let energy = sensors.iter().fold(noise_power, |sum, gain| {
+            sum + quietest.coefficient(gain).powi(2) * gain.most.0
+        });
+        let rate = (user.least.0 * power / energy).ln_1p() / std::f64::consts::LN_2;
+        assert!(
+            promise.rate >= rate * (1.0 - 1e-6) - 1e-9,
+            "{rate} {promise:?} {problem:?}"
+        );
+        kept += u32::from(rate > 1e-6 && (promise.rate / rate - 1.0).abs() < 1e-6);
+    }
+    assert!(kept > 5, "{kept}");
 }
 
 #[test]
@@ -202,6 +256,14 @@ fn what_cannot_be_heard_or_is_no_bound() {
     assert_eq!(promise.status, Status::Infeasible { least_mse: 0.25 });
     assert_eq!(promise.normalizing_factor, 0.0);
     assert_eq!(promise.coefficient(&silent[0]), 0.0);
+    // Heard at best: in the worst case its symbol is missing whatever it sends.
+    let mut partly = [GainBounds::exactly(PowerGain(1e-8)); 4];
+    partly[1].least.0 = 0.0;
+    let promise = workspace
+        .guarantee(&problem.limits, &partly, None)
+        .expect("a slot problem");
+    assert!(promise.coefficient(&partly[0]) > 0.0);
+    assert_eq!(promise.coefficient(&partly[1]), 0.0);
     for bad in [f64::NAN, f64::INFINITY, -1.0] {
         let gain = PowerGain(1e-11);
         let mut sensors = [GainBounds::exactly(gain); 4];
@@ -224,4 +286,26 @@ fn what_cannot_be_heard_or_is_no_bound() {
     }
     let five = [GainBounds::exactly(PowerGain(1e-11)); 5];
     assert!(workspace.guarantee(&problem.limits, &five, None).is_err());
+}
+
+/// Where the worst case leaves the range of the number type, the user gets no power, and no number
+/// of the guarantee is NaN or infinite.
+#[test]
+fn gains_at_the_end_of_the_type_promise_nothing() {
+    let mut random = generator(37);
+    let problem = Problem::draw_with(&mut random, 4).with(|limits| {
+        limits.mse_threshold = 0.2;
+        limits.noise_power.0 = 1e-13;
+    });
+    let sensors = [GainBounds::exactly(PowerGain(1e-8_f32)); 4];
+    let user = GainBounds {
+        least: PowerGain(1e-11),
+        most: PowerGain(f32::MAX),
+    };
+    let promise = Workspace::<f32, 4>::default()
+        .guarantee(&problem.limits_in(), &sensors, Some(user))
+        .expect("a slot problem");
+    assert!(promise.status.is_feasible(), "{promise:?}");
+    assert!(promise.mse.is_finite() && promise.rate.is_finite());
+    assert_eq!((promise.user_power.0, promise.rate), (0.0, 0.0));
 }

@@ -24,6 +24,13 @@ fn solve(problem: &Problem) -> Solution<f64> {
     solve_in(problem)
 }
 
+/// The rate without the rest of the solution.
+fn rate_alone(problem: &Problem) -> f64 {
+    let mut workspace = Workspace::<f64, 64>::default();
+    let field = workspace.sensors(&problem.limits, &problem.sensor_gains);
+    field.expect("a slot problem").rate(problem.user_gain)
+}
+
 /// `f(c*) / kappa` of a problem, from the least MSE.
 fn headroom(problem: &Problem) -> f64 {
     let mut workspace = Workspace::<f64, 64>::default();
@@ -37,6 +44,7 @@ fn headroom(problem: &Problem) -> f64 {
 /// Checks what every solution must satisfy.
 fn check(problem: &Problem) -> Solution<f64> {
     let solution = solve(problem);
+    assert_eq!(rate_alone(problem), solution.rate, "{problem:?}");
     let SlotLimits {
         sensor_power_max,
         user_power_max,
@@ -419,6 +427,7 @@ fn what_is_not_a_slot_problem_is_refused() {
         let mut user = good.clone();
         user.user_gain.0 = bad;
         assert!(error(&user).starts_with("user_gain is "));
+        assert_eq!(rate_alone(&user), 0.0);
     }
     assert!(error(&table_one(&[], 1e-11, 0.1)).starts_with("sensor_gain is empty"));
     let four = error(&table_one(&[1e-11; 4], 1e-11, 0.1));

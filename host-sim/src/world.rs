@@ -140,12 +140,11 @@ impl World {
     pub fn transmit(&self, command: &HostSlotCommand, vehicle: &Position<f64>) -> SlotOutcome {
         let mission = self.timeline.in_slot(command.slot);
         let truth = self.channel_state(command.slot, vehicle);
-        let present = mission.sensors().map(|(sensor, _)| sensor);
-        let gains: Vec<_> = present.clone().map(|j| truth.sensor_gains[j]).collect();
-        let coefficient = |sensor: usize| command.sensor_coefficients.get(sensor);
-        let coefficients: Vec<_> = present
-            .map(|j| coefficient(j).copied().unwrap_or(0.0))
-            .collect();
+        let gains: Vec<_> = mission.of_sensors(&truth.sensor_gains).copied().collect();
+        let mut sent = command.sensor_coefficients.clone();
+        // A sensor that the vehicle does not know yet is told nothing.
+        let _ = sent.resize(mission.sensor_count(), 0.0);
+        let coefficients: Vec<_> = mission.of_sensors(&sent).copied().collect();
         let slot = aircomp::Slot {
             sensor_gains: &gains,
             sensor_coefficients: &coefficients,
@@ -180,8 +179,7 @@ impl World {
         let mission = self.timeline.in_slot(slot);
         let mut workspace = Workspace::<f64, SENSORS_MAX>::default();
         let limits = SlotLimits::of_mission(mission);
-        let present = mission.sensors().map(|(sensor, _)| sensor);
-        let gains: Vec<_> = present.map(|j| state.sensor_gains[j]).collect();
+        let gains: Vec<_> = mission.of_sensors(&state.sensor_gains).copied().collect();
         let field = workspace.sensors(&limits, &gains);
         let solution =
             field.and_then(|field| method.solve(&field, user.map(|user| state.user_gains[user])));

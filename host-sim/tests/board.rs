@@ -43,6 +43,7 @@ fn a_mission_in_single_precision_arrives_and_is_the_same_each_time() {
     assert_eq!(record.slots.len(), 60);
     assert!(record.slots.iter().all(|slot| slot.age_slots == 0));
     let again = flown(&scenario).slots;
+    assert_eq!(again.len(), record.slots.len());
     for (one, other) in record.slots.iter().zip(&again) {
         assert_eq!(
             (one.planned, one.served_user),

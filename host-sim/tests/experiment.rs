@@ -98,12 +98,14 @@ fn sac_is_near_the_bound_and_above_the_others_in_every_cell() {
         let totals: Vec<f64> = missions(of_kind)
             .filter_map(|mission| rate(mission, Approach::Sac))
             .collect();
+        assert_eq!(totals.len(), 4, "{of_kind:?}");
         assert!(totals.is_sorted_by(|a, b| a < b), "{totals:?}");
     }
     let sac: Vec<&TotalRow> = rows
         .iter()
         .filter(|row| row.approach == Approach::Sac)
         .collect();
+    assert_eq!(sac.len(), 16);
     let (quiet, noisy) = sac.split_at(8);
     for (quiet, noisy) in quiet.iter().zip(noisy) {
         assert!(noisy.noise_dbm > quiet.noise_dbm && noisy.sum_rate < quiet.sum_rate);

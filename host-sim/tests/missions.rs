@@ -187,16 +187,17 @@ fn a_simulator_that_stalls_breaks_a_constraint_in_few_flights() {
 
 /// Compares the allocation methods on one path: Alg. 1 nearly reaches the optimum, and a scheme
 /// with a fixed quantity never exceeds it. A slot that fixed sensor powers cannot make accurate is
-/// reported as infeasible and has rate zero.
+/// reported as infeasible and has rate zero. On the straight line the schemes reach 1.00, 1.00, 0.073,
+/// 0.103 and 0.403 of the optimum.
 #[test]
 fn every_allocation_flies_and_none_beats_the_exact_one() {
     let exact = flown(Profile::Ideal).summary();
     for (name, least) in [
         ("alternating", 0.99),
-        ("fixed-user-power", 0.1),
-        ("fixed-user-power:0.002", 0.01),
-        ("fixed-sensor-power", 0.0),
-        ("fixed-sensor-power:0.01", 0.0),
+        ("fixed-user-power", 0.99),
+        ("fixed-user-power:0.002", 0.07),
+        ("fixed-sensor-power", 0.1),
+        ("fixed-sensor-power:0.01", 0.4),
     ] {
         let record = flown_with(Profile::Ideal, name.parse().unwrap());
         let summary = record.summary();
@@ -205,9 +206,11 @@ fn every_allocation_flies_and_none_beats_the_exact_one() {
         assert!(summary.arrived && summary.fair);
         assert!(summary.sum_rate <= exact.sum_rate * (1.0 + 1e-9), "{name}");
         assert!(summary.sum_rate >= exact.sum_rate * least, "{name}");
-        for slot in &record.slots {
-            assert!(slot.feasible || slot.rate == 0.0, "{name}: {slot:?}");
-        }
+        let infeasible = record.slots.iter().filter(|slot| !slot.feasible);
+        let rates: Vec<f64> = infeasible.map(|slot| slot.rate).collect();
+        let has_some = name.starts_with("fixed-sensor-power");
+        assert_eq!(!rates.is_empty(), has_some, "{name}: {rates:?}");
+        assert!(rates.iter().all(|&rate| rate == 0.0), "{name}: {rates:?}");
     }
 }
 

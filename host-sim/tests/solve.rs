@@ -27,7 +27,10 @@ fn answers(method: Method, precision: Precision, lines: &str) -> Vec<Answer> {
     );
     let output = String::from_utf8(output).expect("JSON is UTF-8");
     let parsed = output.lines().map(serde_json::from_str);
-    parsed.collect::<Result<_, _>>().expect("answers")
+    let parsed: Vec<Answer> = parsed.collect::<Result<_, _>>().expect("answers");
+    // Callers pair answers with lines: a missing answer must not shorten the comparison.
+    assert_eq!(parsed.len(), lines.lines().count());
+    parsed
 }
 
 /// Returns the MSE and the rate of an answer by the printed formulas, in double precision.

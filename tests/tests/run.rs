@@ -29,7 +29,9 @@ fn assert_sound(summary: &Value) {
     for fault in ["mse_violations", "constraint_violations"] {
         assert_eq!(summary[fault], 0, "{fault}: {summary}");
     }
-    for user in summary["users"].as_array().unwrap() {
+    let users = summary["users"].as_array().unwrap();
+    assert_eq!(users.len(), 15, "{summary}");
+    for user in users {
         assert!(user["slots"].as_u64().unwrap() >= 4, "{summary}");
     }
 }

@@ -112,6 +112,7 @@ mod tests {
     #[test]
     fn every_color_that_a_style_names_is_in_the_table() {
         for style in [FIGURE_STYLE, include_str!("page.css")] {
+            assert!(style.contains("var(--"), "names no color");
             for use_of in style.split("var(--").skip(1) {
                 let name = use_of.split(')').next().unwrap_or_default();
                 assert!(COLORS.iter().any(|color| color.0 == name), "{name}");

@@ -161,6 +161,7 @@ mod tests {
         let planned = plan(&scenario.mission, |_| {}).expect("a plan");
         let text = plan_file(&scenario, &planned.waypoints).expect("a file");
         let read = read_text("a.plan", &text).expect("a plan");
+        assert_eq!(read.waypoints.len(), planned.waypoints.len());
         for (read, written) in read.waypoints.iter().zip(&planned.waypoints) {
             assert!((read - written).norm() < 0.02, "{read} {written}");
         }
@@ -179,6 +180,7 @@ mod tests {
         let rows: String = (1..=60).map(row).collect();
         let plan = read_text("a.csv", &format!("north_m,east_m,user\n{rows}")).expect("a plan");
         assert_eq!(plan.waypoints[2], Position::new(100.0, 30.0));
+        assert_eq!(plan.users.len(), 60);
         assert!(plan.users.iter().skip(1).step_by(2).all(|&user| user == 7));
         let without = read_text("a.csv", &format!("north_m,east_m,note\n{rows}")).expect("a plan");
         assert_eq!(without.users.len(), 60);

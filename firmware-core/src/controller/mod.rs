@@ -308,8 +308,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let state = self.last_state.aged(&self.mission, plan.slot, measured);
         let served_user = self.recipient(plan.served_user, |user| state.users[user].least.0);
         let user = served_user.map(|user| state.users[user]);
-        let present = self.mission.sensors();
-        let sensors: Vec<_, J> = present.map(|(sensor, _)| state.sensors[sensor]).collect();
+        let sensors: Vec<_, J> = self.mission.of_sensors(&state.sensors).copied().collect();
         let guarantee = self.workspace.guarantee(&self.limits, &sensors, user);
         debug_assert!(guarantee.is_ok(), "{guarantee:?}");
         let mut command = SlotCommand {
@@ -325,9 +324,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             command.rate = guarantee.rate;
             command.mse = guarantee.mse;
             command.status = guarantee.status;
-            for ((sensor, _), gain) in self.mission.sensors().zip(&sensors) {
-                command.sensor_coefficients[sensor] = guarantee.coefficient(gain);
+            let coefficients = &mut command.sensor_coefficients;
+            for (coefficient, gain) in coefficients.iter_mut().zip(&sensors) {
+                *coefficient = guarantee.coefficient(gain);
             }
+            self.mission.spread_to_sensors(coefficients, T::zero());
         }
         self.finish(&command);
         Ok(command)
@@ -344,20 +345,18 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let user_gain = served_user.map(|user| user_gains[user]);
         let mut command = SlotCommand::silent(plan.slot, sensor_gains.len());
         command.served_user = served_user;
-        let present = self.mission.sensors().map(|(sensor, _)| sensor);
-        let gains = present.clone().map(|sensor| sensor_gains[sensor]);
+        let gains = self.mission.of_sensors(sensor_gains);
         command.unheard_sensors = count_unheard(gains.clone().map(|gain| gain.0));
         // A processor may have no instruction for square roots: each is computed once.
         let amplitude_gains: Vec<T, J> = gains.map(|gain| gain.amplitude()).collect();
-        let mut coefficients = [T::zero(); J];
+        let coefficients = &mut command.sensor_coefficients;
         // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
         // one did, nobody would transmit.
         let allocation = self
             .workspace
             .sensors_of_amplitude(&self.limits, &amplitude_gains)
             .and_then(|field| {
-                let (method, coefficients) = (&self.method, &mut coefficients);
-                field.allocate(method, &amplitude_gains, user_gain, coefficients)
+                field.allocate(&self.method, &amplitude_gains, user_gain, coefficients)
             });
         debug_assert!(allocation.is_ok(), "{allocation:?}");
         if let Ok(SlotAllocation { solution, mse }) = allocation {
@@ -366,9 +365,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             command.rate = solution.rate;
             command.status = solution.status;
             command.mse = mse;
-            for (sensor, coefficient) in present.zip(coefficients) {
-                command.sensor_coefficients[sensor] = coefficient;
-            }
+            let coefficients = &mut command.sensor_coefficients;
+            self.mission.spread_to_sensors(coefficients, T::zero());
         }
         command
     }
@@ -442,8 +440,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// model.
     fn best_rate_user(&mut self, waypoint: &Position<T>) -> Option<usize> {
         let state = ChannelState::predicted(&self.mission, self.slots_done + 1, waypoint);
-        let present = self.mission.sensors();
-        let gains: Vec<_, J> = present.map(|(j, _)| state.sensor_gains[j]).collect();
+        let gains = self.mission.of_sensors(&state.sensor_gains);
+        let gains: Vec<_, J> = gains.copied().collect();
         let field = self.workspace.sensors(&self.limits, &gains).ok()?;
         self.fairness
             .best(|user| field.rate(state.user_gains[user]))

@@ -221,9 +221,7 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         };
         let promise = |choice| promise(limits, &ends, &user, noise_amplitude, choice);
         let (a, b) = (promise(leveled), promise(quietest));
-        let a_is_better = a.status.is_feasible()
-            && user.most.0 > T::zero()
-            && (a.rate > b.rate || !b.status.is_feasible());
+        let a_is_better = a.status.is_feasible() && (a.rate > b.rate || !b.status.is_feasible());
         Ok(if a_is_better { a } else { b })
     }
 }

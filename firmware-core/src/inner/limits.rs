@@ -98,3 +98,49 @@ impl<T: Scalar> SlotLimits<T> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn limits<T: Scalar>(sensor_power_max: f64) -> SlotLimits<T> {
+        SlotLimits {
+            sensor_power_max: Watt(T::of(sensor_power_max)),
+            user_power_max: Watt(T::one()),
+            noise_power: Watt(T::one()),
+            mse_threshold: T::of(0.015),
+        }
+    }
+
+    /// The threshold that solutions aim at is a few units in the last place below `Gamma`.
+    fn aims_a_little_lower<T: Scalar>() {
+        let limits = limits::<T>(0.05);
+        let aim = limits.aim(36);
+        let margin = (limits.mse_threshold - aim.mse_threshold) / limits.mse_threshold;
+        assert!(margin >= T::EPSILON * T::of(4.0) && margin <= T::EPSILON * T::of(16.0));
+        assert_eq!(aim.sensor_power_max, limits.sensor_power_max);
+        // Where 1 - J Gamma loses digits, it is further below.
+        let few = limits.aim(1);
+        let margin = (limits.mse_threshold - few.mse_threshold) / limits.mse_threshold;
+        assert!(margin >= T::EPSILON * T::of(60.0) && margin <= T::EPSILON * T::of(75.0));
+    }
+
+    #[test]
+    fn the_aim_is_a_little_lower() {
+        aims_a_little_lower::<f64>();
+        aims_a_little_lower::<f32>();
+    }
+
+    /// The square of the largest coefficient is at most `p_b^max`, and that of the next number is
+    /// more. In single precision the squares are exact in double.
+    #[test]
+    fn the_largest_coefficient_is_the_largest() {
+        for n in 0..1000 {
+            let power = 1e-3 * 1.013_f32.powi(n);
+            let b = limits::<f32>(power.into()).coefficient_max();
+            let square = |b: f32| f64::from(b) * f64::from(b);
+            assert!(square(b) <= f64::from(power), "{b} {power}");
+            assert!(square(b.next_up()) > f64::from(power), "{b} {power}");
+        }
+    }
+}

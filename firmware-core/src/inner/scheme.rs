@@ -68,9 +68,9 @@ impl<T: Scalar> SensorField<'_, T> {
         let last = self.sensor_count() - 1;
         let all = self.level_in_segment(last, self.amplitude[last]);
         let level = Level {
-            c: all.c * fraction,
             sum: all.sum * fraction,
             energy: T::one() + (all.energy - T::one()) * fraction * fraction,
+            ..all
         };
         let affordable = (level.efficiency() / self.kappa - T::one()) * level.energy;
         let (status, signal) = if level.efficiency() < self.limits.kappa(self.sensor_count()) {

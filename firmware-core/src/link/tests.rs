@@ -115,12 +115,25 @@ fn the_format_is_stable() {
     );
 }
 
+/// A buffer suffices from the length on that COBS can need for the message, and every smaller one is
+/// an error.
 #[test]
 fn too_small_a_buffer_is_an_error() {
-    assert_eq!(
-        encode(&channel_state(1), &mut [0; 64]),
-        Err(FrameTooLong { capacity: 64 })
-    );
+    for message in [channel_state(1), largest_state(), full_status()] {
+        let mut plain = frame(&message);
+        plain.pop();
+        let plain = cobs::decode_in_place(&mut plain[1..]).expect("a frame");
+        let needed = 1 + cobs::max_encoding_length(plain) + 1;
+        for capacity in 0..=FRAME_MAX {
+            let mut buffer = [0; FRAME_MAX];
+            let outcome = encode(&message, &mut buffer[..capacity]);
+            if capacity < needed {
+                assert_eq!(outcome, Err(FrameTooLong { capacity }));
+            } else {
+                assert!(outcome.is_ok(), "{capacity} of {needed}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -149,15 +162,13 @@ fn a_flood_is_dropped_and_the_next_frame_arrives() {
 /// Everything at its longest.
 fn full_status() -> HostMessage {
     let count = u32::MAX;
-    let status: VehicleStatus = postcard::from_bytes(
-        &[
-            [0xff, 0xff, 0xff, 0xff, 0x0f].repeat(VehicleStatus::COUNTERS),
-            // A plan: two numbers and a flag.
-            [1, 1, 2, 3, 4, 1, 2, 3, 4, 1].to_vec(),
-        ]
-        .concat(),
-    )
-    .expect("as many counters as are claimed");
+    let counters = [[0xff; 4].as_slice(), &[0x0f]].concat();
+    let mut bytes = counters.repeat(VehicleStatus::COUNTERS);
+    // A plan: two numbers and a flag.
+    bytes.extend([1, 1, 2, 3, 4, 1, 2, 3, 4, 1]);
+    let (status, rest): (VehicleStatus, _) =
+        postcard::take_from_bytes(&bytes).expect("as many counters as are claimed");
+    assert!(rest.is_empty(), "fewer counters than are claimed");
     assert_eq!(status.slots_done, count);
     assert!(status.plan.is_some());
     Message::Status(status)
@@ -188,6 +199,28 @@ fn the_longest_frame_is_known() {
         (FRAME_MAX - 8..=FRAME_MAX).contains(&longest),
         "{longest} of {FRAME_MAX}"
     );
+}
+
+/// So is it at capacities where another message is the longest: few users leave the command, and
+/// few sensors the status.
+#[test]
+fn the_bound_is_that_of_the_longest_message() {
+    let mut command = largest_command();
+    if let Message::Command(command) = &mut command {
+        command.served_user = Some(usize::MAX);
+    }
+    // Lengths below 128 take one byte of the three that the bound has for each.
+    for (users, sensors, message, lengths) in [
+        (16, 64, largest_state(), 2),
+        (1, 64, command, 1),
+        (1, 1, full_status(), 0),
+    ] {
+        let mut bytes = frame(&message);
+        bytes.pop();
+        let plain = cobs::decode_in_place(&mut bytes[1..]).expect("a frame");
+        let longest = 1 + cobs::max_encoding_length(plain + 2 * lengths) + 1;
+        assert_eq!(longest, frame_max(users, sensors), "{users} {sensors}");
+    }
 }
 
 /// Something that happens to bytes on their way.

@@ -108,6 +108,31 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         sensor < self.sensor_count() && !self.absent_sensors[sensor]
     }
 
+    /// Returns those of `values`, one per sensor, that belong to sensors that have not left.
+    pub fn of_sensors<'a, V>(&'a self, values: &'a [V]) -> impl Iterator<Item = &'a V> + Clone {
+        let values = values.iter().zip(&self.absent_sensors);
+        values.filter_map(|(value, &absent)| (!absent).then_some(value))
+    }
+
+    /// Moves values to their sensors: `values`, one per sensor, begins with those of the sensors
+    /// that have not left. The others get `none`.
+    pub(crate) fn spread_to_sensors<V: Copy>(&self, values: &mut [V], none: V) {
+        let sensors = self.sensor_count().min(values.len());
+        let absent = &self.absent_sensors[..sensors];
+        let mut next = absent.iter().filter(|&&absent| !absent).count();
+        if next == sensors {
+            return;
+        }
+        for (sensor, &absent) in absent.iter().enumerate().rev() {
+            values[sensor] = if absent {
+                none
+            } else {
+                next -= 1;
+                values[next]
+            };
+        }
+    }
+
     /// Returns number and position of every user that has not left.
     pub fn users(&self) -> impl Iterator<Item = (usize, &Position<T>)> + Clone {
         let users = self.parameters.users.iter().enumerate();

@@ -113,3 +113,29 @@ impl<T: Scalar, const M: usize, P: Policy<T, M> + ?Sized> Policy<T, M> for &mut 
         (**self).quality()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The paper's state in its order; a buffer of another length holds its beginning.
+    #[test]
+    fn the_state_is_written_in_the_papers_order() {
+        let observation = Observation {
+            slot: 4,
+            counts: &[2, 0, 1],
+            rate: 0.5,
+            mse: 0.01,
+            position: Position::new(30.0, 40.0),
+        };
+        let expected = [2.0, 0.0, 1.0, 0.5, 0.01, 30.0, 40.0];
+        assert_eq!(Observation::<f64>::state_len(3), expected.len());
+        for length in 0..10 {
+            let mut state = [-1.0; 10];
+            assert_eq!(observation.write_state(&mut state[..length]), 7);
+            let written = length.min(7);
+            assert_eq!(state[..written], expected[..written]);
+            assert!(state[written..].iter().all(|&x| x == -1.0));
+        }
+    }
+}

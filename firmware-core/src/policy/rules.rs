@@ -115,3 +115,70 @@ fn nearness<T: Scalar, const M: usize>(
         .map(|user| -(user - vehicle).norm_squared())
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{scalar::Displacement, test_missions::table_one};
+
+    fn observation(slot: u32, position: Position<f64>) -> Observation<'static, f64> {
+        Observation {
+            slot,
+            counts: &[0; 15],
+            rate: 0.0,
+            mse: 0.0,
+            position,
+        }
+    }
+
+    fn highest(scores: &[f64]) -> usize {
+        (0..scores.len())
+            .max_by(|&a, &b| scores[a].total_cmp(&scores[b]))
+            .expect("users")
+    }
+
+    fn nearest(users: &[Position<f64>], place: Position<f64>) -> usize {
+        (0..users.len())
+            .min_by(|&a, &b| {
+                let distance = |user: usize| (users[user] - place).norm();
+                distance(a).total_cmp(&distance(b))
+            })
+            .expect("users")
+    }
+
+    /// Equal steps that end at the destination, from wherever the vehicle is; served is the user
+    /// nearest to where a step ends.
+    #[test]
+    fn the_straight_line_has_equal_steps_to_the_destination() {
+        let mission = table_one::<f64>();
+        let p = mission.parameters();
+        let mut policy = StraightLine::<f64, 16>::new(&mission);
+        for first in [1, 30, p.slots] {
+            let start = Position::new(700.0, 200.0);
+            let mut here = start;
+            let step = (p.destination - start) / f64::from(p.slots - first + 1);
+            for slot in first..=p.slots {
+                let action = policy.decide(&observation(slot, here));
+                assert!((action.displacement - step).norm() < 1e-9, "slot {slot}");
+                here += action.displacement;
+                assert_eq!(highest(&action.user_scores), nearest(&p.users, here));
+            }
+            assert!((here - p.destination).norm() < 1e-6);
+        }
+    }
+
+    /// The central position is the mean of users and sensors, and the user nearest to it is served.
+    #[test]
+    fn the_fixed_position_is_the_centroid() {
+        let mission = table_one::<f64>();
+        let p = mission.parameters();
+        let mut policy = FixedPosition::<f64, 16>::central(&mission);
+        let action = policy.decide(&observation(1, p.start));
+        let place = p.start + action.displacement;
+        let nodes = || p.users.iter().chain(&p.sensors);
+        let offsets = nodes().fold(Displacement::zeros(), |sum, node| sum + (node - place));
+        assert!(offsets.norm() < 1e-6, "{place} {offsets}");
+        assert_eq!(highest(&action.user_scores), nearest(&p.users, place));
+        assert_eq!(action.user_scores.len(), p.users.len());
+    }
+}

@@ -109,3 +109,136 @@ impl<T: Scalar> Agility<T> {
         (turning_m >= last_m - self.velocity_change_m).then(|| turning_m.max(T::zero()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn vehicle(velocity_change_m: f64) -> Agility<f64> {
+        Agility {
+            step_m: 100.0,
+            reach_m: 30.0,
+            velocity_change_m,
+            drift_m: [0.0; 2],
+        }
+    }
+
+    fn equal(a: f64, b: f64) -> bool {
+        (a - b).abs() <= 1e-9 * (1.0 + b.abs())
+    }
+
+    /// All gains, rooms and last steps of a grid, to the border and past it.
+    fn grid(mut visit: impl FnMut(f64, f64, f64)) {
+        for gain_m in [0.3, 1.0, 4.0, 17.0, 250.0] {
+            for room_m in [-5.0, 0.0, 0.2, 3.0, 11.0, 40.0, 333.0, 2000.0] {
+                for last_m in [0.0, 0.1, 2.0, 9.0, 29.0] {
+                    visit(gain_m, room_m, last_m);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_largest_step_takes_all_the_room() {
+        grid(|gain_m, room_m, _| {
+            for times in [1.0, 1.5, 2.0] {
+                let step_m = vehicle(gain_m).largest_m(times, room_m);
+                if room_m <= 0.0 {
+                    assert_eq!(step_m, room_m);
+                    continue;
+                }
+                assert!(step_m > 0.0);
+                let taken_m = times * step_m + step_m * step_m / (2.0 * gain_m);
+                assert!(equal(taken_m, room_m), "{taken_m} of {room_m}");
+                let ideal_m = vehicle(f64::INFINITY).largest_m(times, room_m);
+                assert!(equal(times * ideal_m, room_m));
+            }
+        });
+    }
+
+    /// The slot, the next one and the braking take all the room. Nothing is allowed where they take
+    /// more although the vehicle loses in the slot what it can.
+    #[test]
+    fn an_allowed_step_leaves_the_way_to_stop() {
+        let (mut allowed, mut refused) = (0, 0);
+        grid(|gain_m, room_m, last_m| {
+            let taken_m =
+                |step_m: f64| step_m.max(last_m) + step_m + step_m * step_m / (2.0 * gain_m);
+            let slowest_m = last_m - gain_m;
+            match vehicle(gain_m).allowed_m(last_m, room_m) {
+                Some(step_m) => {
+                    allowed += 1;
+                    assert!(step_m >= slowest_m);
+                    if step_m > 0.0 {
+                        assert!(equal(taken_m(step_m), room_m), "{step_m} in {room_m}");
+                    } else {
+                        assert!(room_m <= last_m);
+                    }
+                }
+                None => {
+                    refused += 1;
+                    let too_long = slowest_m > 0.0 && taken_m(slowest_m) > room_m;
+                    let no_room = room_m - last_m < slowest_m;
+                    assert!(too_long || no_room, "{slowest_m} in {room_m}");
+                }
+            }
+        });
+        assert!(allowed > 100 && refused > 20, "{allowed} {refused}");
+    }
+
+    /// Each of the remaining slots covers what the one before it ends with, and brakes: together
+    /// they take all the room. Zero where the vehicle would be at rest before the end, or cannot
+    /// slow down to the step.
+    #[test]
+    fn the_end_of_the_mission_ends_the_way() {
+        let (mut moving, mut zero) = (0, 0);
+        grid(|gain_m, room_m, last_m| {
+            for slots_after in 0..6_u32 {
+                let covered_m = |step_m: f64| {
+                    let later = (0..slots_after).map(|slot| step_m - gain_m * f64::from(slot));
+                    step_m + later.sum::<f64>()
+                };
+                // It is linear in the step.
+                let fixed_m = covered_m(0.0);
+                let full_m = (room_m - fixed_m) / (covered_m(1.0) - fixed_m);
+                let at_rest_before = full_m < gain_m * f64::from(slots_after);
+                let step_m = vehicle(gain_m).ended_m(last_m, room_m, slots_after);
+                if at_rest_before || last_m > full_m + gain_m {
+                    zero += 1;
+                    assert_eq!(step_m, 0.0);
+                } else {
+                    moving += 1;
+                    assert!(equal(step_m, full_m), "{step_m} {full_m}");
+                }
+            }
+        });
+        assert!(moving > 200 && zero > 200, "{moving} {zero}");
+        // At rest exactly at the end, and exactly slowed down to the step: 2 + 2 + 1 = 5.
+        assert_eq!(vehicle(1.0).ended_m(3.0, 5.0, 2), 2.0);
+        assert_eq!(vehicle(1.0).ended_m(3.1, 5.0, 2), 0.0);
+    }
+
+    /// The longest step is limited by stopping past the destination, and extended to what the
+    /// slots left need and to the destination itself.
+    #[test]
+    fn a_step_stops_in_time_or_is_needed() {
+        let step_m =
+            |vehicle: Agility<f64>, east_m: f64, north_m: f64, slots_left: u32, arrival_m: f64| {
+                vehicle.step_beside(Displacement::new(east_m, north_m), slots_left, arrival_m)
+            };
+        // 3/2 s + s^2 / 2 = 10 + 4 / 2.
+        let stoppable_m = step_m(vehicle(1.0), 6.0, 8.0, 50, 4.0);
+        let taken_m = 1.5 * stoppable_m + stoppable_m * stoppable_m / 2.0;
+        assert!(equal(taken_m, 12.0), "{taken_m}");
+        // (10 - 0.3 * 4) / 2.
+        assert!(equal(step_m(vehicle(1.0), 6.0, 8.0, 2, 4.0), 4.4));
+        // The destination is within its own circle.
+        assert!(equal(step_m(vehicle(0.01), 1.8, 2.4, 50, 4.0), 3.0));
+        assert!(equal(step_m(vehicle(0.01), 2.4, 3.2, 50, 4.0), 4.0));
+        let short = Agility {
+            step_m: 2.0,
+            ..vehicle(1.0)
+        };
+        assert_eq!(step_m(short, 6.0, 8.0, 2, 4.0), 2.0);
+    }
+}

@@ -158,3 +158,90 @@ pub fn admissible_user<T: Scalar, const M: usize>(
     changed.user |= scores.iter().any(|&other| other > score(chosen));
     Some(chosen)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three users with a quota of 2 in 7 slots, after `slots_done` slots.
+    fn fairness(counts: [u32; 3], slots_done: u32) -> Fairness<4> {
+        Fairness {
+            counts: Vec::from_slice(&counts).expect("three"),
+            quotas: Vec::from_slice(&[Some(2); 3]).expect("three"),
+            slots: 7,
+            slots_done,
+        }
+    }
+
+    /// A user is admitted exactly if the slots after this one suffice for what is owed then.
+    #[test]
+    fn users_are_admitted_while_the_quotas_can_be_met() {
+        for (counts, slots_done, admitted) in [
+            ([0, 0, 0], 0, [true, true, true]),
+            ([1, 0, 0], 1, [true, true, true]),
+            ([2, 0, 0], 2, [true, true, true]),
+            ([3, 0, 0], 3, [false, true, true]),
+            ([3, 2, 0], 5, [false, false, true]),
+            ([3, 2, 2], 6, [false, false, false]),
+        ] {
+            let fairness = fairness(counts, slots_done);
+            // The last slot is free if nothing is owed.
+            let admitted = if fairness.is_fair() {
+                [true; 3]
+            } else {
+                admitted
+            };
+            for (user, admitted) in admitted.into_iter().enumerate() {
+                assert_eq!(fairness.admits(user), admitted, "{user} {counts:?}");
+            }
+            assert!(!fairness.admits(3));
+        }
+        assert!(fairness([2, 3, 2], 7).is_fair());
+        assert!(!fairness([2, 4, 1], 7).is_fair());
+    }
+
+    /// The admissible user with the highest score, the first of equals.
+    #[test]
+    fn the_best_user_has_the_highest_score() {
+        let best = |counts, slots_done, scores: [f64; 3]| {
+            fairness(counts, slots_done).best(|user| scores[user])
+        };
+        assert_eq!(best([0, 0, 0], 0, [1.0, 3.0, 2.0]), Some(1));
+        assert_eq!(best([0, 0, 0], 0, [1.0, 1.0, 1.0]), Some(0));
+        assert_eq!(best([3, 0, 0], 3, [9.0, 1.0, 2.0]), Some(2));
+        // The quotas are out of reach: users below theirs come first.
+        assert_eq!(best([2, 0, 0], 4, [9.0, 1.0, 1.0]), Some(1));
+        assert_eq!(best([3, 1, 0], 6, [9.0, 1.0, 2.0]), Some(2));
+        assert_eq!(best([1, 2, 3], 7, [1.0, 9.0, 9.0]), Some(0));
+    }
+
+    /// A change is recorded if a user with a higher score is not admissible, and stays recorded.
+    #[test]
+    fn a_replaced_user_is_recorded() {
+        let recorded = |counts, slots_done, scores: [f64; 3], before| {
+            let mut changed = Intervention {
+                user: before,
+                ..Intervention::default()
+            };
+            let fairness = fairness(counts, slots_done);
+            let user = admissible_user(&fairness, &scores, &mut changed);
+            (user, changed.user)
+        };
+        let equal = [1.0, 1.0, 1.0];
+        assert_eq!(recorded([0, 0, 0], 0, equal, false), (Some(0), false));
+        assert_eq!(recorded([0, 0, 0], 0, equal, true), (Some(0), true));
+        let first = [2.0, 1.0, 1.0];
+        assert_eq!(recorded([0, 0, 0], 0, first, false), (Some(0), false));
+        assert_eq!(recorded([3, 0, 0], 3, first, false), (Some(1), true));
+    }
+
+    #[test]
+    fn scores_are_one_finite_number_per_user() {
+        assert!(scores_are_sound(&[1.0, -2.0], 2..=2));
+        assert!(scores_are_sound(&[1.0, -2.0], 1..=3));
+        assert!(!scores_are_sound(&[1.0, -2.0], 3..=3));
+        assert!(!scores_are_sound(&[1.0, -2.0], 1..=1));
+        assert!(!scores_are_sound(&[1.0, f64::NAN], 2..=2));
+        assert!(!scores_are_sound(&[f64::INFINITY, 1.0], 2..=2));
+    }
+}

@@ -86,3 +86,27 @@ impl<T: Scalar> Rectangle<T> {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line meets a border in two points, in one where it touches, or not at all.
+    #[test]
+    fn lines_meet_where_they_cross() {
+        let disc = Disc {
+            center: Position::new(10.0, 20.0),
+            radius_m: 5.0,
+        };
+        let meet = |axis: usize, value: f64| {
+            let mut points = std::vec::Vec::new();
+            disc.meet_line(axis, value, |place| points.push((place.x, place.y)));
+            points
+        };
+        assert_eq!(meet(0, 13.0), [(13.0, 16.0), (13.0, 24.0)]);
+        assert_eq!(meet(1, 16.0), [(7.0, 16.0), (13.0, 16.0)]);
+        assert_eq!(meet(0, 15.0), [(15.0, 20.0); 2]);
+        assert_eq!(meet(0, 15.5), []);
+        assert_eq!(meet(1, 14.5), []);
+    }
+}

@@ -22,3 +22,24 @@ impl Intervention {
         self.displacement || self.user || self.broken_output || self.out_of_reach
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_change_is_one() {
+        let none = Intervention::default();
+        assert!(!none.any());
+        for change in [
+            |changed: &mut Intervention| changed.displacement = true,
+            |changed: &mut Intervention| changed.user = true,
+            |changed: &mut Intervention| changed.broken_output = true,
+            |changed: &mut Intervention| changed.out_of_reach = true,
+        ] {
+            let mut changed = none;
+            change(&mut changed);
+            assert!(changed.any(), "{changed:?}");
+        }
+    }
+}

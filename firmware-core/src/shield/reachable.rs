@@ -210,3 +210,180 @@ impl<T: Scalar> ReachableSet<T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::test_missions::{table_one, table_one_parameters};
+
+    /// The distance that a motion takes until it has ended: the slot that continues the last one,
+    /// the next, and braking.
+    fn taken_m(step_m: f64, last_m: f64, gain_m: f64) -> f64 {
+        step_m.max(last_m) + step_m + step_m * step_m / (2.0 * gain_m)
+    }
+
+    fn equal(a: f64, b: f64) -> bool {
+        (a - b).abs() <= 1e-9 * (1.0 + b.abs())
+    }
+
+    /// Towards each border a step leaves the distance that stopping takes with 0.4 of the
+    /// acceleration, up to 0.25 of `V_max delta` before the border. A vehicle that is too fast for
+    /// that brakes with twice as much. Before the end of the mission only the slots left count.
+    #[test]
+    fn a_vehicle_can_brake_before_every_border() {
+        let mission = table_one::<f64>();
+        let mut random = Pcg64Mcg::seed_from_u64(41);
+        let (mut stopping, mut braking, mut ending, mut free) = (0, 0, 0, 0);
+        for _ in 0..4_000 {
+            let mut along = |low: f64, high: f64| random.random_range(low..high);
+            let from = Position::new(along(0.0, 1000.0), along(0.0, 1000.0));
+            let agility = Agility {
+                step_m: 29.0,
+                reach_m: along(15.0, 30.0),
+                velocity_change_m: along(0.0, 5.0).exp() / 3.0,
+                drift_m: [along(-29.0, 29.0), along(-29.0, 29.0)],
+            };
+            let slot = random.random_range(1..=60);
+            let set = ReachableSet::of_slot_with(&mission, slot, from, &agility);
+            let gain_m = 0.4 * agility.velocity_change_m;
+            let braking_agility = Agility {
+                velocity_change_m: gain_m,
+                ..agility
+            };
+            let margin_m = 0.25 * agility.reach_m;
+            let (low_m, high_m) = (margin_m, 1000.0 - margin_m);
+            for axis in 0..2 {
+                let here_m = from[axis].clamp(low_m, high_m);
+                let drift_m = agility.drift_m[axis];
+                let (south_west_m, north_east_m) =
+                    (set.area.south_west[axis], set.area.north_east[axis]);
+                for (room_m, last_m, step_m) in [
+                    (here_m - low_m, -drift_m, here_m - south_west_m),
+                    (high_m - here_m, drift_m, north_east_m - here_m),
+                ] {
+                    let last_m = last_m.max(0.0);
+                    assert!((-1e-9..=room_m + 1e-9).contains(&step_m), "{step_m}");
+                    let ended_m = braking_agility.ended_m(last_m, room_m, 60 - slot);
+                    if step_m >= room_m - 1e-9 {
+                        // Nothing in the way, or nothing that braking could still change.
+                        free += 1;
+                        let braked_m = (last_m - 2.0 * gain_m).max(ended_m);
+                        assert!(room_m <= braked_m + 1e-9 || room_m < 1e-6, "{room_m}");
+                    } else if ended_m > 0.0 && equal(step_m, ended_m) {
+                        ending += 1;
+                        assert!(step_m > 0.0 && taken_m(step_m, last_m, gain_m) >= room_m - 1e-9);
+                    } else if step_m > 1e-9 && equal(taken_m(step_m, last_m, gain_m), room_m) {
+                        stopping += 1;
+                    } else {
+                        braking += 1;
+                        assert!(equal(step_m, (last_m - 2.0 * gain_m).max(0.0)), "{step_m}");
+                        // No room is left after this slot, or braking as assumed is too late.
+                        let slowest_m = last_m - gain_m;
+                        let too_late = taken_m(slowest_m, last_m, gain_m) > room_m - 1e-9;
+                        assert!(room_m <= last_m + 1e-9 || too_late);
+                    }
+                }
+            }
+        }
+        assert!(
+            stopping > 5_000 && braking > 500 && ending > 100 && free > 50,
+            "{stopping} {braking} {ending} {free}"
+        );
+    }
+
+    /// In an area that is narrower than its margins half of it remains.
+    #[test]
+    fn a_strip_keeps_half_of_its_width() {
+        let mut parameters = table_one_parameters::<f64>();
+        parameters.area.north_m = 20.0;
+        let inside = |place: &mut Position<f64>| place.y = place.y.min(20.0);
+        parameters.users.iter_mut().for_each(inside);
+        parameters.sensors.iter_mut().for_each(inside);
+        parameters.start.y = 10.0;
+        parameters.destination.y = 10.0;
+        let mission = Mission::new(parameters).expect("valid");
+        let agility = Agility {
+            velocity_change_m: 1e6,
+            ..Agility::ideal(&mission)
+        };
+        let at = |north_m: f64| {
+            let from = Position::new(500.0, north_m);
+            let area = ReachableSet::of_slot_with(&mission, 1, from, &agility).area;
+            (area.south_west.y, area.north_east.y)
+        };
+        assert_eq!(at(0.0).0, 5.0);
+        assert_eq!(at(20.0).1, 15.0);
+    }
+
+    /// What a step falls short of full speed towards the destination can be regained out of the
+    /// distance to spare: that is the radius of the disc around the place ahead. Where the vehicle
+    /// arrives in any case, the disc is the one in which it can stop; where there is nothing to
+    /// spare, it is that of `F_n`.
+    #[test]
+    fn a_vehicle_can_turn_back_to_the_destination() {
+        let mission = table_one::<f64>();
+        let destination = mission.parameters().destination;
+        let reach_m = mission.reach_m();
+        let mut random = Pcg64Mcg::seed_from_u64(42);
+        let (mut ahead, mut arrived, mut plain) = (0, 0, 0);
+        for _ in 0..10_000 {
+            let mut along = |low: f64, high: f64| random.random_range(low..high);
+            let agility = Agility {
+                step_m: along(20.0, 29.0),
+                reach_m: along(15.0, 30.0),
+                velocity_change_m: along(0.0, 5.0).exp() / 3.0,
+                drift_m: [along(-29.0, 29.0), along(-29.0, 29.0)],
+            };
+            let angle = along(0.0, 1.5);
+            let way = Displacement::new(angle.cos(), angle.sin());
+            let slot = random.random_range(1..=60_u32);
+            let slots_left = 61 - slot;
+            let farthest_m = (f64::from(slots_left + 1) * reach_m).min(900.0);
+            let away_m = farthest_m * random.random_range(0.01..1.0_f64);
+            let from = destination - way * away_m;
+            let set = ReachableSet::of_slot_with(&mission, slot, from, &agility);
+            let ideal = ReachableSet::of_slot(&mission, slot, from);
+            assert_eq!(ideal.home.radius_m, f64::from(slots_left) * reach_m);
+
+            let spare_m = (f64::from(slots_left) + 0.3) * agility.reach_m - away_m;
+            let [east_m, north_m] = agility.drift_m;
+            let last_m = (way * agility.reach_m - Displacement::new(east_m, north_m)).norm();
+            let short_m = agility.allowed_m(last_m, spare_m).unwrap_or(0.0);
+            // `s + s^2 / (2 gain) = V_max delta`, from one side of the circle to the other.
+            let root = (1.0 + 2.0 * reach_m / agility.velocity_change_m).sqrt();
+            let stop_m = 2.0 * reach_m / (1.0 + root);
+            let step_m = agility.step_beside(way * away_m, slots_left, reach_m);
+            let gap_m = (set.home.center - from).norm() - set.home.radius_m;
+            assert!(equal(
+                set.step.radius_m,
+                step_m.max(gap_m.min(agility.step_m))
+            ));
+            let ahead_m = step_m.min(away_m);
+            let expected = if away_m - agility.reach_m + short_m <= stop_m / 2.0 {
+                arrived += 1;
+                Disc {
+                    center: destination,
+                    radius_m: ideal.home.radius_m.min(stop_m / 2.0),
+                }
+            } else if away_m - ahead_m + short_m <= ideal.home.radius_m {
+                ahead += 1;
+                Disc {
+                    center: from + way * ahead_m,
+                    radius_m: short_m,
+                }
+            } else {
+                plain += 1;
+                ideal.home
+            };
+            assert!((set.home.center - expected.center).norm() < 1e-9);
+            assert!(equal(set.home.radius_m, expected.radius_m));
+        }
+        assert!(
+            ahead > 1_000 && arrived > 100 && plain > 20,
+            "{ahead} {arrived} {plain}"
+        );
+    }
+}

@@ -58,3 +58,84 @@ pub fn admissible_waypoint<T: Scalar>(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mission::Area;
+
+    const AREA: Area<f64> = Area {
+        east_m: 1000.0,
+        north_m: 800.0,
+    };
+
+    #[test]
+    fn a_sound_displacement_is_finite_in_both_coordinates() {
+        assert!(displacement_is_sound(&Displacement::new(3.0, -1e38)));
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(!displacement_is_sound(&Displacement::new(bad, 0.0)));
+            assert!(!displacement_is_sound(&Displacement::new(0.0, bad)));
+        }
+    }
+
+    /// A displacement of any length is cut to a step in its direction, also where its square leaves
+    /// the number type.
+    #[test]
+    fn however_long_a_displacement_its_direction_holds() {
+        let area = Area {
+            east_m: 1000.0_f32,
+            north_m: 800.0,
+        };
+        let from = Position::new(400.0, 300.0);
+        let set = ReachableSet::new(area, from, 30.0, from, 500.0);
+        for length_m in [29.0, 31.0, 1e3, 1e6, 1e19, 1e30, 3e38_f32] {
+            let mut changed = Intervention::default();
+            let displacement = Displacement::new(-0.8, 0.6) * length_m;
+            let waypoint = admissible_waypoint(&set, &displacement, &mut changed);
+            let step_m = length_m.min(30.0);
+            let expected = from + Displacement::new(-0.8, 0.6) * step_m;
+            assert!((waypoint - expected).norm() < 1e-3, "{length_m} {waypoint}");
+            assert_eq!(changed.displacement, length_m > 30.0);
+            assert!(!changed.out_of_reach);
+        }
+    }
+
+    /// Where `F_n` is empty: the way towards the destination, inside the area, and what is recorded.
+    #[test]
+    fn without_admissible_places_the_way_is_towards_the_destination() {
+        let destination = Position::new(600.0, 500.0);
+        let from = |gap_m: f64| destination - Displacement::new(0.6, 0.8) * (50.0 + gap_m);
+        let waypoint = |from, destination, step_m, home_m, before| {
+            let set = ReachableSet::new(AREA, from, step_m, destination, home_m);
+            assert_eq!(set.nearest(&from), None, "not empty");
+            let mut changed = Intervention {
+                displacement: before,
+                ..Intervention::default()
+            };
+            let waypoint = admissible_waypoint(&set, &Displacement::zeros(), &mut changed);
+            (waypoint, changed.displacement, changed.out_of_reach)
+        };
+        let near = |a: Position<f64>, b: Position<f64>| (a - b).norm() < 1e-9;
+        // Two discs of 30 m and 20 m: a gap that is reported, and one below the accuracy of a
+        // measurement. A full step is flown.
+        for (gap_m, reported) in [(100.0, true), (MEASUREMENT_M / 2.0, false)] {
+            for before in [false, true] {
+                let start = from(gap_m);
+                let (place, moved, out) = waypoint(start, destination, 30.0, 20.0, before);
+                let expected = start + Displacement::new(0.6, 0.8) * 30.0;
+                assert!(near(place, expected), "{place} {expected}");
+                assert_eq!((moved, out), (before || !reported, reported));
+            }
+        }
+        // Discs that only touch: the waypoint is on the border of the one around the destination.
+        let rounding_m = crate::mission::rounding_m(&AREA, 30.0);
+        let (place, moved, out) = waypoint(from(0.9 * rounding_m), destination, 30.0, 20.0, false);
+        assert!(((place - destination).norm() - 20.0).abs() < 0.2 * rounding_m);
+        assert!(moved && !out);
+        // Outside the area, with the destination within a step: to it, as far as the area goes.
+        let (outside, beside) = (Position::new(-5.0, 50.0), Position::new(-4.0, 52.0));
+        let (place, moved, out) = waypoint(outside, beside, 3.0, 1.0, false);
+        assert!(near(place, Position::new(0.0, 52.0)), "{place}");
+        assert!(!moved && out);
+    }
+}

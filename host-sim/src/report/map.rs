@@ -424,6 +424,7 @@ mod tests {
             })
             .collect();
         let ends = slot_ends(&record);
+        assert_eq!(ends.len(), record.slots.len());
         for (slot, end) in record.slots.iter().zip(ends) {
             let away_m = (record.path[end].position - slot.flown).norm();
             assert!(away_m < 1e-9, "slot {} ends {away_m} m away", slot.slot);

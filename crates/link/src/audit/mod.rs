@@ -306,11 +306,8 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             let gain = if gain.is_passive() { gain.0 } else { T::zero() };
             PowerGain(gain.to_f64())
         };
-        let present = self.mission.sensors().map(|(sensor, _)| sensor);
-        let sensor_gains: Vec<_> = present
-            .clone()
-            .map(|sensor| usable(&state.sensor_gains[sensor]))
-            .collect();
+        let gains = self.mission.of_sensors(&state.sensor_gains);
+        let sensor_gains: Vec<_> = gains.map(usable).collect();
         let unheard = sensor_gains.iter().filter(|gain| gain.0 == 0.0).count();
         check_count(slot, "unheard sensors", command.unheard_sensors, unheard)?;
         let coefficients = command.sensor_coefficients.iter().enumerate();
@@ -320,9 +317,8 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
                 return Err(Violation::UnheardSensor { slot, sensor });
             }
         }
-        let coefficients: Vec<f64> = present
-            .map(|sensor| command.sensor_coefficients[sensor].to_f64())
-            .collect();
+        let coefficients = self.mission.of_sensors(&command.sensor_coefficients);
+        let coefficients: Vec<f64> = coefficients.map(|b| b.to_f64()).collect();
         let user_gain = command.served_user.map(|m| usable(&state.user_gains[m]));
         let heard = |(user, _)| usable(&state.user_gains[user]).0 > 0.0;
         let anybody = self.mission.users().any(heard);

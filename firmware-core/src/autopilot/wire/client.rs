@@ -34,9 +34,12 @@ macro_rules! messages {
             use super::*;
             use mavlink::Message;
 
-            /// Messages are read and written as by the code for the whole dialect.
+            /// The messages of the lists, and no others, are read and written, as by the code for the
+            /// whole dialect.
             #[test]
             fn each_is_read_and_written_as_by_the_dialect() {
+                let taken = [$(MavMessage::$taken(Default::default()).message_id()),*];
+                let sent = [$(MavMessage::$sent(Default::default()).message_id()),*];
                 let mut ids = 0;
                 for id in 0..70_000 {
                     let Some(message) = MavMessage::default_message_from_id(id) else {
@@ -49,11 +52,12 @@ macro_rules! messages {
                     let mut whole = [0; 255];
                     let length = message.ser(MavlinkVersion::V2, &mut whole);
                     let mut ours = [0; 255];
-                    if let Some(written) = write(&message, &mut ours) {
-                        assert_eq!((written, ours), (length, whole), "message {id}");
-                    }
+                    let written = write(&message, &mut ours).map(|length| (length, ours));
+                    let expected = sent.contains(&id).then_some((length, whole));
+                    assert_eq!(written, expected, "message {id}");
                     let read = parse(id, &whole[..length]).expect("sound");
-                    assert!(read.is_none_or(|read| read == message), "message {id}");
+                    let expected = taken.contains(&id).then_some(message);
+                    assert_eq!(read, expected, "message {id}");
                 }
                 assert!(ids > 200);
             }

@@ -57,7 +57,8 @@ impl Header {
             .sizes
             .iter()
             .any(|&n| n == 0 || usize::from(n) > WIDTH_MAX);
-        if self.sizes.len() < 2 || wide || [self.inputs(), self.outputs()] != ends {
+        // The ends differ: fewer than two sizes cannot have both.
+        if wide || [self.inputs(), self.outputs()] != ends {
             return Err(LoadError::Shape {
                 inputs: self.inputs(),
                 outputs: self.outputs(),

@@ -1,8 +1,8 @@
 //! Tests of the file format and of the network.
 
 use super::{format::*, *};
-use crate::policy::Provenance;
 use crate::test_missions::table_one;
+use crate::{Mission, policy::Provenance};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::{string::ToString, vec, vec::Vec as StdVec};
@@ -97,6 +97,7 @@ fn outputs_agree_with_double_precision() {
         let observation: StdVec<f32> = (0..19).map(|_| rng.random_range(-3.0..3.0)).collect();
         let expected = reference(&numbers, &observation);
         let got = policy.evaluate(&observation);
+        assert_eq!(got.len(), expected.len());
         for (i, (got, expected)) in got.iter().zip(&expected).enumerate() {
             let scale = if i < 2 { 30.0 } else { 1.0 };
             assert!(
@@ -164,4 +165,107 @@ fn a_policy_for_another_mission_is_refused_with_both_values() {
         .to_string();
     let expected = "the policy is for max_speed_mps = 20, but the mission has 30";
     assert_eq!(message, expected);
+}
+
+/// A policy holds its mission's values in single precision, which is no mismatch.
+#[test]
+fn rounding_to_single_precision_is_not_a_mismatch() {
+    let mut parameters = table_one::<f64>().parameters().clone();
+    parameters.max_speed_mps = 30.1;
+    let mission = Mission::new(parameters).expect("valid");
+    let with_speed = |max_speed_mps: f32| Provenance {
+        max_speed_mps,
+        ..header().provenance
+    };
+    assert_eq!(with_speed(30.1).check(&mission), Ok(()));
+    assert!(with_speed(30.100_1).check(&mission).is_err());
+}
+
+/// Wherever a file begins in memory, aligned to words or not, its policy gives the same bits.
+#[test]
+fn alignment_does_not_matter() {
+    let file = file();
+    let observation: StdVec<f32> = (0..19).map(|n| 0.3 * n as f32 - 2.0).collect();
+    let evaluate = |offset: usize| {
+        let mut shifted = vec![0; offset];
+        shifted.extend(&file);
+        let policy = Mlp::load(&shifted[offset..]).expect("sound");
+        policy.evaluate(&observation)
+    };
+    let expected = evaluate(0);
+    assert!(expected.iter().any(|x| x.abs() > 0.01), "{expected:?}");
+    for offset in 1..4 {
+        assert_eq!(evaluate(offset), expected, "{offset}");
+    }
+}
+
+/// Layers are 1 to [`WIDTH_MAX`] wide, from users + 4 to users + 2, and the reach is a number above 0.
+#[test]
+fn a_header_that_makes_no_policy_is_refused() {
+    let with_sizes = |sizes: &[u16]| {
+        let sizes = heapless::Vec::from_slice(sizes).expect("short");
+        Header { sizes, ..header() }.check()
+    };
+    let most_layers = [19, 8, 8, 8, 8, 8, 17];
+    assert_eq!(most_layers.len(), LAYERS_MAX + 1);
+    for sound in [
+        &[19, 17][..],
+        &[19, 1, 17],
+        &[19, 256, 256, 17],
+        &most_layers,
+    ] {
+        assert_eq!(with_sizes(sound), Ok(()));
+    }
+    for unsound in [
+        &[][..],
+        &[19],
+        &[17],
+        &[19, 0, 17],
+        &[19, 257, 17],
+        &[18, 17],
+        &[19, 18],
+    ] {
+        let error = with_sizes(unsound).expect_err("unsound");
+        assert!(matches!(error, LoadError::Shape { .. }), "{error}");
+    }
+    for reach_m in [0.0, -30.0, f32::INFINITY, f32::NAN] {
+        let wrong = Header {
+            reach_m,
+            ..header()
+        };
+        let error = wrong.check().expect_err("unsound");
+        assert!(matches!(error, LoadError::Reach { .. }), "{error}");
+    }
+}
+
+/// The self-test measures displacements by the reach and scores by the largest of them.
+#[test]
+fn a_test_vector_is_compared_at_its_own_scale() {
+    let sound = file();
+    let first_output = sound.len() - 4 * 17;
+    let load_with_error = |index: usize, error: f32| {
+        let at = first_output + 4 * index;
+        let mut other = sound.clone();
+        let expected = f32::from_le_bytes(other[at..at + 4].try_into().expect("four bytes"));
+        other[at..at + 4].copy_from_slice(&(expected + error).to_le_bytes());
+        Mlp::load(sealed(other)).map(|_| ())
+    };
+    for index in 0..17 {
+        let full_scale = if index < 2 { 30.0 } else { 1.0 };
+        for (fraction, close) in [(0.5, true), (2.0, false)] {
+            let outcome = load_with_error(index, fraction * SELF_TEST_TOLERANCE * full_scale);
+            assert_eq!(outcome.is_ok(), close, "{index}: {outcome:?}");
+        }
+    }
+}
+
+/// The numbers of a policy are not part of what `Debug` prints.
+#[test]
+fn debug_prints_the_header() {
+    let policy = Mlp::load(file()).expect("sound");
+    let text = std::format!("{policy:?}");
+    assert_eq!(
+        text,
+        std::format!("Mlp {{ header: {:?}, .. }}", policy.header())
+    );
 }
