@@ -314,18 +314,10 @@ fn a_circle_is_found() {
 
 #[test]
 fn the_trainer_builds_no_plots_no_links_and_no_clarabel() {
-    let cargo = option_env!("CARGO").unwrap_or("cargo");
-    let tree = |package: &str| {
-        let output = Command::new(cargo)
-            .args(["tree", "--locked", "--prefix", "none", "-e", "normal"])
-            .args(["-p", package])
-            .current_dir(repository())
-            .output()
-            .expect("cargo runs");
-        assert!(output.status.success(), "{output:?}");
-        let text = String::from_utf8(output.stdout).expect("UTF-8");
-        let names = text.lines().filter_map(|line| line.split(' ').next());
-        names.map(str::to_owned).collect::<BTreeSet<String>>()
+    let tree = |package| -> BTreeSet<String> {
+        let lines = cargo_tree(package, "{lib}", "normal");
+        let names = lines.into_iter().map(|(package, _)| package);
+        names.map(|package| name(&package).to_owned()).collect()
     };
     let (trainer, host_sim) = (tree("trainer"), tree("host-sim"));
     for foreign in [
@@ -343,4 +335,46 @@ fn the_trainer_builds_no_plots_no_links_and_no_clarabel() {
         );
     }
     assert!(!trainer.contains("host-sim"));
+}
+
+/// Building one after the other builds no crate again: the features are those of the other.
+#[test]
+fn the_trainer_and_host_sim_build_shared_crates_with_the_same_features() {
+    let [trainer, host_sim] =
+        ["trainer", "host-sim"].map(|package| cargo_tree(package, "{f}", "normal,build"));
+    let mut shared = 0;
+    for (package, features) in &trainer {
+        if let Some(others) = host_sim.get(package) {
+            // There may be two: build scripts have features of their own.
+            let known = features.is_subset(others);
+            assert!(known, "{package}: {features:?}, in host-sim {others:?}");
+            shared += 1;
+        }
+    }
+    assert!(shared > 100, "only {shared} crates are shared");
+}
+
+fn name(package: &str) -> &str {
+    package.split(' ').next().unwrap_or(package)
+}
+
+/// Returns each package that a package is built from, with what `format` says of it.
+fn cargo_tree(package: &str, format: &str, edges: &str) -> BTreeMap<String, BTreeSet<String>> {
+    let cargo = option_env!("CARGO").unwrap_or("cargo");
+    let output = Command::new(cargo)
+        .args(["tree", "--locked", "--prefix", "none", "--edges", edges])
+        .args(["--package", package, "--format", &format!("{{p}}|{format}")])
+        .current_dir(repository())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{output:?}");
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    let mut packages = BTreeMap::new();
+    for line in text.lines() {
+        let (package, words) = line.split_once('|').unwrap_or((line, ""));
+        let words = words.trim_end_matches(" (*)").to_owned();
+        let said: &mut BTreeSet<String> = packages.entry(package.to_owned()).or_default();
+        said.insert(words);
+    }
+    packages
 }

@@ -22,24 +22,23 @@
 //! (M + J)` gains of the channel model and one guarantee.
 
 mod aging;
+mod allocator;
 mod changes;
 mod command_check;
 mod exchange;
 mod speed_estimator;
 
-use heapless::Vec;
-
 use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::guidance::Limits,
-    inner::{Method, SlotAllocation, SlotLimits, Workspace},
-    mission::Mission,
+    counter::count,
+    inner::Method,
+    mission::{Mission, MissionChange},
     policy::{Observation, Policy},
     scalar::{Displacement, Position, Scalar},
     shield::{self, Agility, Fairness, Intervention, ReachableSet},
-    units::PowerGain,
 };
-use aging::LastState;
+use allocator::Allocator;
 use changes::Pending;
 pub use changes::{CHANGES_MAX, DatedChange};
 pub use command_check::CommandError;
@@ -96,17 +95,14 @@ pub enum ControllerError {
 #[derive(Clone, Debug)]
 pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
     mission: Mission<T, M, J>,
-    limits: SlotLimits<T>,
-    method: Method<T>,
     policy: P,
+    allocator: Allocator<T, M, J>,
     fairness: Fairness<M>,
     slots_done: u32,
     rate: T,
     mse: T,
     under_way: Option<Plan<T>>,
     speed_estimator: SpeedEstimator<T>,
-    last_state: LastState<T, M, J>,
-    workspace: Workspace<T, J>,
     /// The number of users that the policy gives scores for: those from the start.
     scored_users: usize,
     /// The changes that are not in effect yet.
@@ -119,11 +115,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// Creates a controller at rest before slot 1.
     pub fn new(mission: Mission<T, M, J>, policy: P) -> Self {
         Self {
-            limits: SlotLimits::of_mission(&mission),
-            method: Method::Exact,
+            allocator: Allocator::new(&mission),
             fairness: Fairness::new(&mission),
             speed_estimator: SpeedEstimator::new(&mission),
-            last_state: LastState::none(),
             scored_users: mission.user_count(),
             pending: Pending::new(),
             changes_refused: 0,
@@ -133,13 +127,13 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             rate: T::zero(),
             mse: T::zero(),
             under_way: None,
-            workspace: Workspace::default(),
         }
     }
 
     /// Sets the method that slots are allocated by; the default is the exact one.
-    pub fn with_method(self, method: Method<T>) -> Self {
-        Self { method, ..self }
+    pub fn with_method(mut self, method: Method<T>) -> Self {
+        self.allocator.method = method;
+        self
     }
 
     /// Sets the limits of a vehicle with inertia: what it can be relied on to keep up, in any
@@ -190,6 +184,47 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         self.under_way.as_ref()
     }
 
+    /// Takes note of a change. One whose slot is not ahead any more is made at once; the others
+    /// wait. Returns false, and forgets the change, if there are [`CHANGES_MAX`] waiting already.
+    pub fn note_change(&mut self, change: &DatedChange<T>) -> bool {
+        let current = (self.under_way).map_or(self.slots_done + 1, |plan| plan.slot);
+        if change.from_slot <= current {
+            self.make_change(&change.change);
+            return true;
+        }
+        self.pending.push(*change).is_ok()
+    }
+
+    /// Returns the number of changes that were refused when they would have come into effect,
+    /// because the mission would have been invalid.
+    pub fn changes_refused(&self) -> u32 {
+        self.changes_refused
+    }
+
+    /// Makes the changes that are in effect from the coming slot on.
+    fn make_due_changes(&mut self) {
+        let slot = self.slots_done + 1;
+        let is_due = |change: &DatedChange<T>| change.from_slot <= slot;
+        while let Some(index) = self.pending.iter().position(is_due) {
+            let due = self.pending.remove(index);
+            self.make_change(&due.change);
+        }
+    }
+
+    fn make_change(&mut self, change: &MissionChange<T>) {
+        // The slot under way cannot be undone.
+        let begun = (self.under_way).map_or(self.slots_done, |plan| plan.slot);
+        let under_way = self.under_way.map(|plan| plan.served_user);
+        if self.mission.change(change, begun).is_err() {
+            count(&mut self.changes_refused);
+            return;
+        }
+        self.allocator.revise(&self.mission);
+        self.fairness.revise(&self.mission, under_way);
+        self.speed_estimator.revise(&self.mission);
+        self.policy.revise(change, begun);
+    }
+
     /// Plans the next slot from the measured position: an admissible waypoint and user.
     ///
     /// # Errors
@@ -217,7 +252,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         let mut intervention = Intervention::default();
         let destination = self.mission.parameters().destination;
         self.speed_estimator.observe(&measured, &destination);
-        self.last_state.locate(measured);
+        self.allocator.locate(measured);
         let agility = self.speed_estimator.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
@@ -237,7 +272,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             intervention.broken_output = true;
             let stay = Displacement::zeros();
             let waypoint = shield::admissible_waypoint(&reachable, &stay, &mut intervention);
-            (waypoint, self.best_rate_user(&waypoint))
+            let (mission, fairness) = (&self.mission, &self.fairness);
+            let user = self.allocator.best_rate_user(mission, fairness, &waypoint);
+            (waypoint, user)
         };
         // An admissible user always exists: quotas that could be met before a slot can be met after
         // serving a user that has not reached its quota, and when all have, every user is
@@ -265,27 +302,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         state: &ChannelState<T, M, J>,
     ) -> Result<SlotCommand<T, J>, ControllerError> {
         let plan = self.check_state(state)?;
-        let mut rejected_gains = 0;
-        let mut sane = |gain: &PowerGain<T>| {
-            if gain.is_passive() {
-                return *gain;
-            }
-            rejected_gains += 1;
-            PowerGain(T::zero())
-        };
-        let mut user_gains: Vec<_, M> = state.user_gains.iter().map(&mut sane).collect();
-        let sensor_gains: Vec<_, J> = state.sensor_gains.iter().map(&mut sane).collect();
-        for (user, gain) in user_gains.iter_mut().enumerate() {
-            if !self.mission.has_user(user) {
-                *gain = PowerGain(T::zero());
-            }
-        }
-        let command = SlotCommand {
-            rejected_gains,
-            ..self.allocate_known(&plan, &user_gains, &sensor_gains)
-        };
-        self.last_state
-            .replace(plan.slot, &user_gains, &sensor_gains);
+        let command = (self.allocator).from_state(&self.mission, &self.fairness, &plan, state);
         self.finish(&command);
         Ok(command)
     }
@@ -305,88 +322,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             return Err(ControllerError::PositionNotFinite);
         }
         let plan = self.planned()?;
-        let state = self.last_state.aged(&self.mission, plan.slot, measured);
-        let served_user = self.recipient(plan.served_user, |user| state.users[user].least.0);
-        let user = served_user.map(|user| state.users[user]);
-        let sensors: Vec<_, J> = self.mission.of_sensors(&state.sensors).copied().collect();
-        let guarantee = self.workspace.guarantee(&self.limits, &sensors, user);
-        debug_assert!(guarantee.is_ok(), "{guarantee:?}");
-        let mut command = SlotCommand {
-            served_user,
-            source: ChannelSource::Predicted,
-            age_slots: state.age_slots,
-            unheard_sensors: count_unheard(sensors.iter().map(|gain| gain.least.0)),
-            ..SlotCommand::silent(plan.slot, state.sensors.len())
-        };
-        if let Ok(guarantee) = guarantee {
-            command.user_power = guarantee.user_power;
-            command.normalizing_factor = guarantee.normalizing_factor;
-            command.rate = guarantee.rate;
-            command.mse = guarantee.mse;
-            command.status = guarantee.status;
-            let coefficients = &mut command.sensor_coefficients;
-            for (coefficient, gain) in coefficients.iter_mut().zip(&sensors) {
-                *coefficient = guarantee.coefficient(gain);
-            }
-            self.mission.spread_to_sensors(coefficients, T::zero());
-        }
+        let command = (self.allocator).predicted(&self.mission, &self.fairness, &plan, measured);
         self.finish(&command);
         Ok(command)
-    }
-
-    /// Returns the command of a slot with valid gains.
-    fn allocate_known(
-        &mut self,
-        plan: &Plan<T>,
-        user_gains: &[PowerGain<T>],
-        sensor_gains: &[PowerGain<T>],
-    ) -> SlotCommand<T, J> {
-        let served_user = self.recipient(plan.served_user, |user| user_gains[user].0);
-        let user_gain = served_user.map(|user| user_gains[user]);
-        let mut command = SlotCommand::silent(plan.slot, sensor_gains.len());
-        command.served_user = served_user;
-        let gains = self.mission.of_sensors(sensor_gains);
-        command.unheard_sensors = count_unheard(gains.clone().map(|gain| gain.0));
-        // A processor may have no instruction for square roots: each is computed once.
-        let amplitude_gains: Vec<T, J> = gains.map(|gain| gain.amplitude()).collect();
-        let coefficients = &mut command.sensor_coefficients;
-        // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
-        // one did, nobody would transmit.
-        let allocation = self
-            .workspace
-            .sensors_of_amplitude(&self.limits, &amplitude_gains)
-            .and_then(|field| {
-                field.allocate(&self.method, &amplitude_gains, user_gain, coefficients)
-            });
-        debug_assert!(allocation.is_ok(), "{allocation:?}");
-        if let Ok(SlotAllocation { solution, mse }) = allocation {
-            command.user_power = solution.user_power;
-            command.normalizing_factor = solution.normalizing_factor;
-            command.rate = solution.rate;
-            command.status = solution.status;
-            command.mse = mse;
-            let coefficients = &mut command.sensor_coefficients;
-            self.mission.spread_to_sensors(coefficients, T::zero());
-        }
-        command
-    }
-
-    /// Returns the user to serve: the planned user if it is heard, otherwise the user with the
-    /// highest gain, an admissible one if possible. (Serving an inadmissible one costs the others
-    /// nothing: otherwise the slot would not be used.) Returns `None` where no user is heard.
-    fn recipient(&self, planned: usize, gain: impl Fn(usize) -> T) -> Option<usize> {
-        let heard = |user: usize| self.mission.has_user(user) && gain(user) > T::zero();
-        if heard(planned) {
-            return Some(planned);
-        }
-        // The rate rises with the gain, whatever the sensors do.
-        self.fairness
-            .best(&gain)
-            .filter(|&user| heard(user))
-            .or_else(|| {
-                let users = (0..self.mission.user_count()).filter(|&user| heard(user));
-                users.max_by(|&a, &b| gain(a).order(&gain(b)))
-            })
     }
 
     /// Ends the slot.
@@ -435,22 +373,6 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             None => Ok(plan),
         }
     }
-
-    /// Returns the admissible user with the highest rate over `waypoint` according to the channel
-    /// model.
-    fn best_rate_user(&mut self, waypoint: &Position<T>) -> Option<usize> {
-        let state = ChannelState::predicted(&self.mission, self.slots_done + 1, waypoint);
-        let gains = self.mission.of_sensors(&state.sensor_gains);
-        let gains: Vec<_, J> = gains.copied().collect();
-        let field = self.workspace.sensors(&self.limits, &gains).ok()?;
-        self.fairness
-            .best(|user| field.rate(state.user_gains[user]))
-    }
-}
-
-/// Returns the number of gains that are 0; at most as many as a message can carry.
-fn count_unheard<T: Scalar>(gains: impl Iterator<Item = T>) -> u16 {
-    gains.filter(|&gain| gain <= T::zero()).count() as u16
 }
 
 #[cfg(test)]

@@ -1,0 +1,178 @@
+//! Powers, coefficients and normalizing factor of a slot, from its channel state or without one.
+
+use heapless::Vec;
+
+use super::{
+    aging::LastState,
+    exchange::{ChannelSource, ChannelState, Plan, SlotCommand},
+};
+use crate::{
+    inner::{Method, SlotAllocation, SlotLimits, Workspace},
+    mission::Mission,
+    scalar::{Position, Scalar},
+    shield::Fairness,
+    units::PowerGain,
+};
+
+/// What the allocation of slots needs and remembers.
+#[derive(Clone, Debug)]
+pub(super) struct Allocator<T: Scalar, const M: usize, const J: usize> {
+    limits: SlotLimits<T>,
+    pub(super) method: Method<T>,
+    last_state: LastState<T, M, J>,
+    workspace: Workspace<T, J>,
+}
+
+impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
+    pub(super) fn new(mission: &Mission<T, M, J>) -> Self {
+        Self {
+            limits: SlotLimits::of_mission(mission),
+            method: Method::Exact,
+            last_state: LastState::none(),
+            workspace: Workspace::default(),
+        }
+    }
+
+    /// Takes over the limits of a changed mission.
+    pub(super) fn revise(&mut self, mission: &Mission<T, M, J>) {
+        self.limits = SlotLimits::of_mission(mission);
+    }
+
+    /// Records the position that was measured after the last slot's end.
+    pub(super) fn locate(&mut self, place: Position<T>) {
+        self.last_state.locate(place);
+    }
+
+    /// Returns the command of a slot with this channel state, which has one gain per user and
+    /// sensor.
+    pub(super) fn from_state(
+        &mut self,
+        mission: &Mission<T, M, J>,
+        fairness: &Fairness<M>,
+        plan: &Plan<T>,
+        state: &ChannelState<T, M, J>,
+    ) -> SlotCommand<T, J> {
+        let mut rejected_gains = 0;
+        let mut sane = |gain: &PowerGain<T>| {
+            if gain.is_passive() {
+                return *gain;
+            }
+            rejected_gains += 1;
+            PowerGain(T::zero())
+        };
+        let user_gains: Vec<_, M> = state.user_gains.iter().map(&mut sane).collect();
+        let sensor_gains: Vec<_, J> = state.sensor_gains.iter().map(&mut sane).collect();
+        let gain = |user: usize| user_gains[user].0;
+        let served_user = recipient(mission, fairness, plan.served_user, gain);
+        let user_gain = served_user.map(|user| user_gains[user]);
+        let gains = mission.of_sensors(&sensor_gains);
+        let mut command = SlotCommand {
+            served_user,
+            rejected_gains,
+            unheard_sensors: count_unheard(gains.clone().map(|gain| gain.0)),
+            ..SlotCommand::silent(plan.slot, sensor_gains.len())
+        };
+        // A processor may have no instruction for square roots: each is computed once.
+        let amplitude_gains: Vec<T, J> = gains.map(|gain| gain.amplitude()).collect();
+        let coefficients = &mut command.sensor_coefficients;
+        // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
+        // one did, nobody would transmit.
+        let allocation = self
+            .workspace
+            .sensors_of_amplitude(&self.limits, &amplitude_gains)
+            .and_then(|field| {
+                field.allocate(&self.method, &amplitude_gains, user_gain, coefficients)
+            });
+        debug_assert!(allocation.is_ok(), "{allocation:?}");
+        if let Ok(SlotAllocation { solution, mse }) = allocation {
+            command.user_power = solution.user_power;
+            command.normalizing_factor = solution.normalizing_factor;
+            command.rate = solution.rate;
+            command.status = solution.status;
+            command.mse = mse;
+            mission.spread_to_sensors(&mut command.sensor_coefficients, T::zero());
+        }
+        self.last_state
+            .replace(plan.slot, &user_gains, &sensor_gains);
+        command
+    }
+
+    /// Returns the command of a slot without a channel state: from the last one, aged, and the
+    /// channel model at the measured position. The [`Method`] is not used.
+    pub(super) fn predicted(
+        &mut self,
+        mission: &Mission<T, M, J>,
+        fairness: &Fairness<M>,
+        plan: &Plan<T>,
+        measured: &Position<T>,
+    ) -> SlotCommand<T, J> {
+        let state = self.last_state.aged(mission, plan.slot, measured);
+        let gain = |user: usize| state.users[user].least.0;
+        let served_user = recipient(mission, fairness, plan.served_user, gain);
+        let user = served_user.map(|user| state.users[user]);
+        let sensors: Vec<_, J> = mission.of_sensors(&state.sensors).copied().collect();
+        let guarantee = self.workspace.guarantee(&self.limits, &sensors, user);
+        debug_assert!(guarantee.is_ok(), "{guarantee:?}");
+        let mut command = SlotCommand {
+            served_user,
+            source: ChannelSource::Predicted,
+            age_slots: state.age_slots,
+            unheard_sensors: count_unheard(sensors.iter().map(|gain| gain.least.0)),
+            ..SlotCommand::silent(plan.slot, state.sensors.len())
+        };
+        if let Ok(guarantee) = guarantee {
+            command.user_power = guarantee.user_power;
+            command.normalizing_factor = guarantee.normalizing_factor;
+            command.rate = guarantee.rate;
+            command.mse = guarantee.mse;
+            command.status = guarantee.status;
+            let coefficients = &mut command.sensor_coefficients;
+            for (coefficient, gain) in coefficients.iter_mut().zip(&sensors) {
+                *coefficient = guarantee.coefficient(gain);
+            }
+            mission.spread_to_sensors(coefficients, T::zero());
+        }
+        command
+    }
+
+    /// Returns the admissible user with the highest rate over `waypoint` according to the channel
+    /// model.
+    pub(super) fn best_rate_user(
+        &mut self,
+        mission: &Mission<T, M, J>,
+        fairness: &Fairness<M>,
+        waypoint: &Position<T>,
+    ) -> Option<usize> {
+        let state = ChannelState::predicted(mission, 0, waypoint);
+        let gains = mission.of_sensors(&state.sensor_gains);
+        let gains: Vec<_, J> = gains.copied().collect();
+        let field = self.workspace.sensors(&self.limits, &gains).ok()?;
+        fairness.best(|user| field.rate(state.user_gains[user]))
+    }
+}
+
+/// Returns the user to serve: the planned user if it is heard, otherwise the user with the highest
+/// gain, an admissible one if possible. (Serving an inadmissible one costs the others nothing:
+/// otherwise the slot would not be used.) Returns `None` where no user is heard.
+fn recipient<T: Scalar, const M: usize, const J: usize>(
+    mission: &Mission<T, M, J>,
+    fairness: &Fairness<M>,
+    planned: usize,
+    gain: impl Fn(usize) -> T,
+) -> Option<usize> {
+    let heard = |user: usize| mission.has_user(user) && gain(user) > T::zero();
+    if heard(planned) {
+        return Some(planned);
+    }
+    // The rate rises with the gain, whatever the sensors do.
+    let admissible = fairness.best(&gain).filter(|&user| heard(user));
+    admissible.or_else(|| {
+        let users = (0..mission.user_count()).filter(|&user| heard(user));
+        users.max_by(|&a, &b| gain(a).order(&gain(b)))
+    })
+}
+
+/// Returns the number of gains that are 0; at most as many as a message can carry.
+fn count_unheard<T: Scalar>(gains: impl Iterator<Item = T>) -> u16 {
+    gains.filter(|&gain| gain <= T::zero()).count() as u16
+}
