@@ -59,7 +59,7 @@ pub enum FailedUpload {
     Link(#[from] io::Error),
     /// No autopilot was received.
     #[error("{0}")]
-    NobodyThere(NoHeartbeat),
+    NoHeartbeat(NoHeartbeat),
     /// The specified profile is for another autopilot.
     #[error("{0}")]
     WrongProfile(WrongProfile),
@@ -70,7 +70,7 @@ pub enum FailedUpload {
     #[error("{0}")]
     Plan(#[from] PlanError),
     /// The transfer failed.
-    #[error("{error}; {}", what_is_left(*.left))]
+    #[error("{error}; {}", remaining_mission(*.left))]
     Transfer {
         /// The reason.
         error: UploadError,
@@ -82,12 +82,12 @@ pub enum FailedUpload {
     Watch(#[from] WatchError),
 }
 
-fn what_is_left(left: Left) -> &'static str {
+fn remaining_mission(left: Left) -> &'static str {
     match left {
-        Left::Old => "the autopilot keeps the mission it had",
-        Left::Nothing => "what had arrived was cleared: the autopilot has no mission",
-        Left::Whole => "the autopilot has the whole mission",
-        Left::Unknown => "what the autopilot has now is NOT known: check before you fly",
+        Left::Old => "the autopilot keeps its former mission",
+        Left::Nothing => "the received items were cleared: the autopilot has no mission",
+        Left::Whole => "the autopilot has the complete mission",
+        Left::Unknown => "the mission in the autopilot is NOT known: check it before you fly",
     }
 }
 
@@ -135,7 +135,7 @@ fn take_events(
                 changed.retain(|(known, _)| known != name);
             }
             Event::Finding(left @ Finding::NotRestored { .. }) => {
-                progress(Progress::Note(format!("{left}; set it by hand")));
+                progress(Progress::Note(format!("{left}; set it manually")));
                 continue;
             }
             // These phases belong to a flight by setpoints, which an upload is not, and the client
@@ -195,15 +195,15 @@ impl Upload<'_> {
                 });
             });
             if client.is_armed() {
-                say_what_stays(&changed, &mut progress);
+                report_former_values(&changed, &mut progress);
             } else {
-                put_back(session, client, &mut changed, &mut progress)?;
+                restore_parameters(session, client, &mut changed, &mut progress)?;
             }
             return Ok(followed.map(|()| items)?);
         }
         match &outcome {
-            Ok(_) => say_what_stays(&changed, &mut progress),
-            Err(_) => put_back(session, client, &mut changed, &mut progress)?,
+            Ok(_) => report_former_values(&changed, &mut progress),
+            Err(_) => restore_parameters(session, client, &mut changed, &mut progress)?,
         }
         outcome
     }
@@ -232,13 +232,15 @@ impl Upload<'_> {
                 return Err(FailedUpload::WrongProfile(wrong));
             }
             let waited = session.now() - begin;
-            let deaf = client.vehicle().is_none() && waited >= CONNECT_PATIENCE;
-            if deaf || waited >= self.patience || stop.load(Ordering::Relaxed) {
+            let unheard = client.vehicle().is_none() && waited >= CONNECT_PATIENCE;
+            if unheard || waited >= self.patience || stop.load(Ordering::Relaxed) {
                 let obstacle = client.obstacle().map(|obstacle| obstacle.to_string());
                 return Err(match (client.vehicle(), obstacle) {
-                    (None, _) => FailedUpload::NobodyThere(session.silence(begin)),
+                    (None, _) => FailedUpload::NoHeartbeat(session.silence(begin)),
                     (_, Some(words)) => FailedUpload::NotReady(words),
-                    (_, None) => FailedUpload::NotReady("its checks did not end".into()),
+                    (_, None) => {
+                        FailedUpload::NotReady("its checks were not completed in time".into())
+                    }
                 });
             }
         }
@@ -255,7 +257,9 @@ impl Upload<'_> {
         }
         let settings = *client.settings();
         let Some((to, firmware)) = client.vehicle() else {
-            return Err(FailedUpload::NotReady("it is gone".into()));
+            return Err(FailedUpload::NotReady(
+                "the autopilot is not connected".into(),
+            ));
         };
         let plan = MissionPlan {
             firmware,
@@ -281,8 +285,8 @@ impl Upload<'_> {
             if upload.waits_for_space() && !said {
                 said = true;
                 progress(Progress::Note(format!(
-                    "the autopilot has no space for a mission; it is asked again for {} s, as \
-                     ArduCopter has none in the first seconds after it has booted",
+                    "the autopilot reports no space for a mission; the upload is repeated for {} s, \
+                     because ArduCopter reports this in the first seconds after it has booted",
                     SPACE_PATIENCE.as_secs_f64()
                 )));
             }
@@ -305,7 +309,7 @@ impl Upload<'_> {
 }
 
 /// Reports the former values of the parameters that stay set for the mission.
-fn say_what_stays(changed: &Changed, progress: &mut impl FnMut(Progress)) {
+fn report_former_values(changed: &Changed, progress: &mut impl FnMut(Progress)) {
     if changed.is_empty() {
         return;
     }
@@ -314,14 +318,14 @@ fn say_what_stays(changed: &Changed, progress: &mut impl FnMut(Progress)) {
         .map(|(name, from)| format!("{name} {from}"))
         .collect();
     progress(Progress::Note(format!(
-        "the parameters stay set, for the mission flies with them; they were: {}",
+        "the parameters stay set because the mission needs them; their former values: {}",
         old.join(", ")
     )));
 }
 
 /// Restores the parameters that were set, after a failure or after a flight that was followed to
 /// its end.
-fn put_back(
+fn restore_parameters(
     session: &mut Session,
     client: &mut Autopilot<f64>,
     changed: &mut Changed,

@@ -327,7 +327,7 @@ fn missions_without_room_and_missions_too_large_are_refused() {
     });
     assert!(matches!(
         certify(&tight, &QUICK, |_| {}),
-        Err(BoundError::NoRoom { .. })
+        Err(BoundError::StraightPathOnly { .. })
     ));
     for slots in [1001, 100_000] {
         let long = changed(&mission, |p| p.slots = slots);

@@ -137,7 +137,7 @@ pub fn run(
 ) -> anyhow::Result<Tally> {
     anyhow::ensure!(
         method.supports(precision),
-        "{method:?} has no arithmetic of precision {precision:?}"
+        "{method:?} does not support precision {precision:?}"
     );
     let mut tally = Tally::default();
     let mut line = Vec::new();
@@ -226,7 +226,7 @@ impl Problem {
             if value.is_finite() && !number.finite() {
                 let limit = T::max_value().map_or(f64::MAX, Scalar::to_f64);
                 return Err(LineError::Input(format!(
-                    "{field} is {value:e}, but this precision ends at {limit:e}"
+                    "{field} is {value:e}, but the largest number of this precision is {limit:e}"
                 )));
             }
             Ok(number)

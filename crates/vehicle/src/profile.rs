@@ -43,7 +43,9 @@ impl FromStr for Airframe {
         match name {
             "strong" => Ok(Self::Strong),
             "stock" => Ok(Self::Stock),
-            _ => Err(format!("no airframe {name:?}; there are strong, stock")),
+            _ => Err(format!(
+                "{name:?} is not an airframe; it must be strong or stock"
+            )),
         }
     }
 }
@@ -224,7 +226,7 @@ impl FromStr for Profile {
             .find(|profile| profile.name() == name)
             .ok_or_else(|| {
                 let names = Self::ALL.map(Self::name).join(", ");
-                format!("no vehicle profile {name:?}; there are {names}")
+                format!("{name:?} is not a vehicle profile; it must be one of {names}")
             })
     }
 }

@@ -188,7 +188,7 @@ impl fmt::Display for Cause {
             Self::FenceBreached => "outside the geofence",
             Self::GroundSilent => "ground link silent",
             Self::SlotOverrun => "no new leg after a slot's end",
-            Self::StopAsked => "stop asked for",
+            Self::StopAsked => "stop requested",
             Self::CommandFailed => "a needed command failed",
             Self::StageTimedOut => "a stage took too long",
             Self::TooSlow => "the airframe is too slow for the mission",

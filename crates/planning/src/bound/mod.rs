@@ -108,7 +108,7 @@ pub enum BoundError {
     /// The mission has too many slots, or its area is too large for its speed.
     #[error(
         "the mission has more than {pairs_max} pairs of slot and cell already at cells of \
-         {cell_m} m: fewer slots, a smaller area or a higher speed would do"
+         {cell_m} m; use fewer slots, a smaller area or a higher speed"
     )]
     TooLarge {
         /// The largest number of pairs that is allowed.
@@ -118,7 +118,7 @@ pub enum BoundError {
     },
     /// The mission has more slots than the optimal assignment of users to slots supports.
     #[error(
-        "the mission has {slots} slots, but at most {max} are bounded: the assignment of users is cubic in them"
+        "the mission has {slots} slots, but the bound supports at most {max}, because the time to assign users is cubic in the slots"
     )]
     TooManySlots {
         /// The number of slots, `N`.
@@ -129,10 +129,10 @@ pub enum BoundError {
     /// The destination can only be reached on the straight line at full speed, so there is nothing
     /// to plan.
     #[error(
-        "the destination is {distance_m} m from the start and {reach_m} m can be flown: no room \
-         is left to search in"
+        "the destination is {distance_m} m from the start, and at most {reach_m} m can be flown: \
+         only the straight path is possible, so there is nothing to search"
     )]
-    NoRoom {
+    StraightPathOnly {
         /// The distance from start to destination, metres.
         distance_m: f64,
         /// The largest distance that can be flown, `(N + 1) V_max delta`, metres.
@@ -221,7 +221,7 @@ pub fn fairness_prices<const M: usize, const J: usize>(
 
 fn no_room<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> BoundError {
     let p = mission.parameters();
-    BoundError::NoRoom {
+    BoundError::StraightPathOnly {
         distance_m: (p.destination - p.start).norm(),
         reach_m: f64::from(mission.slots() + 1) * mission.reach_m(),
     }

@@ -38,13 +38,13 @@ pub struct MissionPlan<'a, T: Scalar> {
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum PlanError {
     /// The plan has no waypoints.
-    #[error("the mission has no way-points")]
+    #[error("the mission has no waypoints")]
     Empty,
     /// The plan has more items than the protocol can number.
-    #[error("the mission has {0} way-points; at most 65 000 can be uploaded")]
+    #[error("the mission has {0} waypoints; at most 65 000 can be uploaded")]
     TooLong(usize),
     /// A waypoint has a coordinate that is not finite.
-    #[error("way-point {0} is not finite")]
+    #[error("waypoint {0} is not finite")]
     NotFinite(usize),
     /// The altitude or the speed is not finite, or not above zero.
     #[error("{name} is {value}; it must be a number above 0")]

@@ -86,7 +86,7 @@ pub enum LoadError {
         got: u16,
     },
     /// The file is damaged or incomplete.
-    #[error("checksum is {got:#010x}, but the file says {expected:#010x}: it is damaged")]
+    #[error("checksum is {got:#010x}, but the file says {expected:#010x}: the file is damaged")]
     Checksum {
         /// The checksum of the bytes.
         got: u32,
