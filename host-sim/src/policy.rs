@@ -164,7 +164,7 @@ pub enum HostPolicy {
 #[derive(Clone, Copy, Debug)]
 pub enum LoadProgress<'a> {
     /// The progress of [`PolicyChoice::Search`].
-    Search(&'a bound::Progress),
+    Search(&'a bound::BoundProgress),
     /// The progress of [`PolicyChoice::Plan`].
     Plan(&'a PlanProgress),
 }

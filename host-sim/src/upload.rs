@@ -39,7 +39,7 @@ pub struct Upload<'a> {
 
 /// An event of an upload, to be displayed.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Progress {
+pub enum UploadProgress {
     /// The autopilot has requested this number of items.
     Items {
         /// The number of requested items.
@@ -126,7 +126,7 @@ type Changed = Vec<(&'static str, f32)>;
 fn take_events(
     client: &mut Autopilot<f64>,
     changed: &mut Changed,
-    progress: &mut impl FnMut(Progress),
+    progress: &mut impl FnMut(UploadProgress),
 ) {
     while let Some(event) = client.take_next_event() {
         match &event {
@@ -135,7 +135,7 @@ fn take_events(
                 changed.retain(|(known, _)| known != name);
             }
             Event::Finding(left @ Finding::NotRestored { .. }) => {
-                progress(Progress::Note(format!("{left}; set it manually")));
+                progress(UploadProgress::Note(format!("{left}; set it manually")));
                 continue;
             }
             // These phases belong to a flight by setpoints, which an upload is not, and the client
@@ -149,7 +149,7 @@ fn take_events(
             _ if !is_notable(&event) => continue,
             _ => {}
         }
-        progress(Progress::Note(event.to_string()));
+        progress(UploadProgress::Note(event.to_string()));
     }
 }
 
@@ -180,7 +180,7 @@ impl Upload<'_> {
         session: &mut Session,
         client: &mut Autopilot<f64>,
         stop: &AtomicBool,
-        mut progress: impl FnMut(Progress),
+        mut progress: impl FnMut(UploadProgress),
     ) -> Result<u16, FailedUpload> {
         let mut changed = Changed::new();
         let outcome = self.connect_and_transfer(session, client, stop, &mut changed, &mut progress);
@@ -190,8 +190,8 @@ impl Upload<'_> {
         {
             let followed = watch(session, client, items, stop, |seen| {
                 progress(match seen {
-                    Seen::Item(done) => Progress::Items { done, count: items },
-                    Seen::Event(words) => Progress::Note(words),
+                    Seen::Item(done) => UploadProgress::Items { done, count: items },
+                    Seen::Event(words) => UploadProgress::Note(words),
                 });
             });
             if client.is_armed() {
@@ -222,7 +222,7 @@ impl Upload<'_> {
         client: &mut Autopilot<f64>,
         stop: &AtomicBool,
         changed: &mut Changed,
-        progress: &mut impl FnMut(Progress),
+        progress: &mut impl FnMut(UploadProgress),
     ) -> Result<u16, FailedUpload> {
         let begin = session.now();
         while !self.is_prepared(client, session.now()) {
@@ -253,7 +253,7 @@ impl Upload<'_> {
             return Err(FailedUpload::NotReady(refusal.to_string()));
         }
         if let Some(words) = short_legs(self.waypoints, self.speed_mps) {
-            progress(Progress::Note(words));
+            progress(UploadProgress::Note(words));
         }
         let settings = *client.settings();
         let Some((to, firmware)) = client.vehicle() else {
@@ -284,14 +284,14 @@ impl Upload<'_> {
             }
             if upload.waits_for_space() && !said {
                 said = true;
-                progress(Progress::Note(format!(
+                progress(UploadProgress::Note(format!(
                     "the autopilot reports no space for a mission; the upload is repeated for {} s, \
                      because ArduCopter reports this in the first seconds after it has booted",
                     SPACE_PATIENCE.as_secs_f64()
                 )));
             }
             let (done, count) = upload.progress();
-            progress(Progress::Items { done, count });
+            progress(UploadProgress::Items { done, count });
             match upload.outcome() {
                 // The last message of a read-back may still be due.
                 Some(outcome) => {
@@ -309,7 +309,7 @@ impl Upload<'_> {
 }
 
 /// Reports the former values of the parameters that stay set for the mission.
-fn report_former_values(changed: &Changed, progress: &mut impl FnMut(Progress)) {
+fn report_former_values(changed: &Changed, progress: &mut impl FnMut(UploadProgress)) {
     if changed.is_empty() {
         return;
     }
@@ -317,7 +317,7 @@ fn report_former_values(changed: &Changed, progress: &mut impl FnMut(Progress)) 
         .iter()
         .map(|(name, from)| format!("{name} {from}"))
         .collect();
-    progress(Progress::Note(format!(
+    progress(UploadProgress::Note(format!(
         "the parameters stay set because the mission needs them; their former values: {}",
         old.join(", ")
     )));
@@ -329,7 +329,7 @@ fn restore_parameters(
     session: &mut Session,
     client: &mut Autopilot<f64>,
     changed: &mut Changed,
-    progress: &mut impl FnMut(Progress),
+    progress: &mut impl FnMut(UploadProgress),
 ) -> io::Result<()> {
     let begin = session.now();
     client.stop(begin);

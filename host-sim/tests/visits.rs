@@ -15,7 +15,7 @@ use flight::{free_port, zigzag};
 use host_sim::doctor::{Diagnosis, examine};
 use host_sim::serve::serve;
 use host_sim::session::Session;
-use host_sim::upload::{FailedUpload, Progress, Upload};
+use host_sim::upload::{FailedUpload, Upload, UploadProgress};
 use link::{LinkAddress, Port, tlog};
 use vehicle::{Profile, Vehicle, VehicleSettings};
 
@@ -129,8 +129,8 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
     upload
         .run(&mut session, &mut client, &go_on, |progress| {
             notes.extend(match progress {
-                Progress::Note(words) => Some(words),
-                Progress::Items { .. } => None,
+                UploadProgress::Note(words) => Some(words),
+                UploadProgress::Items { .. } => None,
             });
         })
         .unwrap();
@@ -177,8 +177,8 @@ fn an_uploaded_mission_is_followed_to_its_end() {
                 &mut client,
                 &go_on,
                 |progress| match progress {
-                    Progress::Note(words) => notes.push(words),
-                    Progress::Items { done, .. } => items.push(done),
+                    UploadProgress::Note(words) => notes.push(words),
+                    UploadProgress::Items { done, .. } => items.push(done),
                 },
             )
             .unwrap();
@@ -247,7 +247,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         let mut last = 0;
         let items = upload
             .run(&mut session, &mut client, &go_on, |progress| {
-                if let Progress::Items { done, .. } = progress {
+                if let UploadProgress::Items { done, .. } = progress {
                     last = done;
                 }
             })

@@ -23,7 +23,7 @@ use firmware_core::{
     Displacement, Mission, Position, PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
     aircomp::Slot,
     inner::{Method, SlotLimits, Status, Workspace},
-    policy::Observation,
+    policy::{Observation, state_len},
     shield::{self, Fairness, Intervention, ReachableSet},
 };
 
@@ -169,7 +169,7 @@ impl<T: Scalar> Environment<T> {
         let users = self.mission.user_count();
         Dimensions {
             users,
-            observation: Observation::<T>::state_len(users),
+            observation: state_len(users),
         }
     }
 
@@ -196,7 +196,7 @@ impl<T: Scalar> Environment<T> {
     /// Writes the normalized observation into `state`, which must hold `M + 4` numbers. Before the
     /// first slot, rate and MSE are 0.
     pub fn observe(&self, state: &mut [f32]) {
-        let mut raw = [T::zero(); USERS_MAX + 4];
+        let mut raw = [T::zero(); state_len(USERS_MAX)];
         let len = Observation {
             slot: self.state.slots_done + 1,
             counts: self.state.fairness.counts(),

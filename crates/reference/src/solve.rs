@@ -263,8 +263,8 @@ impl Problem {
         match method {
             Method::Exact => Ok(Answer::new(&field, &exact, &sensor_gains, user)),
             Method::Alternating => {
-                let report = field.alternate(user_gain, &alternating, |_| {});
-                let solution = report.map_err(LineError::input)?.solution;
+                let solution = field.alternate(user_gain, &alternating, |_| {});
+                let solution = solution.map_err(LineError::input)?.solution;
                 Ok(Answer::new(&field, &solution, &sensor_gains, user))
             }
             Method::Conic | Method::ConicAlternating => self.answer_by_clarabel(method),
@@ -281,7 +281,7 @@ impl Problem {
         };
         let gains: Vec<_> = self.sensor_gain.iter().copied().map(PowerGain).collect();
         let user = self.user_gain.map(PowerGain);
-        let (report, rested) = if method == Method::Conic {
+        let (solution, rested) = if method == Method::Conic {
             (conic::bisect(&limits, &gains, user), Finding::Optimal)
         } else {
             let settings = alternating::AlternatingSettings::default();
@@ -290,20 +290,20 @@ impl Problem {
                 Finding::Converged,
             )
         };
-        let status = match report.outcome {
-            conic::Outcome::Solved => rested,
-            conic::Outcome::IterationLimit => Finding::IterationLimit,
-            conic::Outcome::Infeasible => Finding::Infeasible,
-            conic::Outcome::SolverFailed(_) => Finding::SolverFailed,
+        let status = match solution.status {
+            conic::ConicStatus::Solved => rested,
+            conic::ConicStatus::IterationLimit => Finding::IterationLimit,
+            conic::ConicStatus::Infeasible => Finding::Infeasible,
+            conic::ConicStatus::SolverFailed(_) => Finding::SolverFailed,
         };
         let mse = aircomp::Slot {
             sensor_gains: &gains,
-            sensor_coefficients: &report.sensor_coefficients,
+            sensor_coefficients: &solution.sensor_coefficients,
             user_gain: user.unwrap_or_default(),
-            user_power: Watt(report.user_power_w),
+            user_power: Watt(solution.user_power_w),
             noise_power: limits.noise_power,
         }
-        .mse(report.normalizing_factor);
+        .mse(solution.normalizing_factor);
         let feasible = match status {
             Finding::Infeasible => false,
             Finding::SolverFailed => mse <= limits.mse_threshold,
@@ -311,13 +311,13 @@ impl Problem {
         };
         Ok(Answer {
             feasible,
-            rate: report.rate,
+            rate: solution.rate,
             mse,
-            limited_by: report.limited_by,
-            user_power: report.user_power_w,
-            sensor_coefficients: report.sensor_coefficients,
-            eta: report.normalizing_factor,
-            least_mse: report.least_mse,
+            limited_by: solution.limited_by,
+            user_power: solution.user_power_w,
+            sensor_coefficients: solution.sensor_coefficients,
+            eta: solution.normalizing_factor,
+            least_mse: solution.least_mse,
             status,
         })
     }

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use planning::bound::{Bound, Settings, certify};
+use planning::bound::{Bound, BoundSettings, certify};
 use scenario::ScenarioChoice;
 use serde::Serialize;
 
@@ -16,10 +16,10 @@ pub(crate) struct BoundArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
     /// Relative gap (upper - lower) / upper at which the computation stops
-    #[arg(long, default_value_t = Settings::default().gap)]
+    #[arg(long, default_value_t = BoundSettings::default().gap)]
     gap: f64,
     /// Largest number of subproblems (branch and bound); 1 disables branching
-    #[arg(long, default_value_t = Settings::default().leaves_max as u64,
+    #[arg(long, default_value_t = BoundSettings::default().leaves_max as u64,
         value_parser = clap::value_parser!(u64).range(1..=1000))]
     parts: u64,
     /// Print the bound and the mission that was found as JSON
@@ -29,7 +29,7 @@ pub(crate) struct BoundArguments {
 
 /// The output of `--json`.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+struct BoundReport<'a> {
     scenario: &'a str,
     mse_threshold: f64,
     #[serde(flatten)]
@@ -45,10 +45,10 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
         )));
     }
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
-    let settings = Settings {
+    let settings = BoundSettings {
         gap: arguments.gap,
         leaves_max: arguments.parts as usize,
-        ..Settings::default()
+        ..BoundSettings::default()
     };
     let bar = ProgressBar::new_spinner().with_style(style());
     let bound = certify(&scenario.mission, &settings, |progress| {
@@ -63,7 +63,7 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     let mse_threshold = scenario.mission.parameters().mse_threshold;
     if arguments.json {
-        let report = Report {
+        let report = BoundReport {
             scenario: &scenario.name,
             mse_threshold,
             bound: &bound,

@@ -25,7 +25,7 @@ pub(crate) struct PlanArguments {
 
 /// The output of `--json`.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+struct PlanReport<'a> {
     scenario: &'a str,
     #[serde(flatten)]
     plan: &'a PlannedMission,
@@ -60,7 +60,7 @@ pub(crate) fn execute(arguments: &PlanArguments) -> Result<(), Failure> {
     }
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        let report = Report {
+        let report = PlanReport {
             scenario: &scenario.name,
             plan: &planned,
         };

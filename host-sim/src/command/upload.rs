@@ -7,7 +7,7 @@ use host_sim::{
     flight::{self, FlightSettings, Pace, Peer},
     interrupt,
     policy::PolicyChoice,
-    upload::{Progress, Upload},
+    upload::{Upload, UploadProgress},
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use vehicle::{Profile, Vehicle};
@@ -103,11 +103,11 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
         &mut client,
         &stop,
         |progress| match progress {
-            Progress::Items { done, count } => {
+            UploadProgress::Items { done, count } => {
                 bar.set_length(count.into());
                 bar.set_position(done.into());
             }
-            Progress::Note(words) => bar.suspend(|| eprintln!("note: {words}")),
+            UploadProgress::Note(words) => bar.suspend(|| eprintln!("note: {words}")),
         },
     );
     bar.finish_and_clear();
