@@ -64,6 +64,22 @@ impl Profile {
         }
     }
 
+    /// Returns whether the vehicle follows the paper's kinematics.
+    pub const fn is_ideal(self) -> bool {
+        match self {
+            Self::Ideal => true,
+            Self::Multirotor | Self::ArduCopter | Self::Px4 => false,
+        }
+    }
+
+    /// Returns whether the vehicle sends telemetry without being asked.
+    pub(super) const fn sends_telemetry_unrequested(self) -> bool {
+        match self {
+            Self::Ideal | Self::Multirotor | Self::Px4 => true,
+            Self::ArduCopter => false,
+        }
+    }
+
     /// Returns the firmware that the vehicle's heartbeat states.
     pub const fn firmware(self) -> Firmware {
         match self {
@@ -128,7 +144,7 @@ impl Profile {
                 drag_per_s: 0.877,
                 ..ability
             },
-            _ => ability,
+            (Self::Ideal | Self::Multirotor, Airframe::Stock) | (_, Airframe::Strong) => ability,
         }
     }
 
@@ -159,7 +175,7 @@ impl Profile {
     pub(super) fn refused_intervals(self) -> Vec<u32> {
         match self {
             Self::Px4 => vec![HEARTBEAT_DATA::ID],
-            _ => Vec::new(),
+            Self::Ideal | Self::Multirotor | Self::ArduCopter => Vec::new(),
         }
     }
 
@@ -189,7 +205,7 @@ impl Profile {
     pub fn client_limits(self) -> Limits<f64> {
         match self {
             Self::Ideal => Limits::ideal(),
-            _ => {
+            Self::Multirotor | Self::ArduCopter | Self::Px4 => {
                 let ability = self.ability();
                 Limits {
                     speed_mps: ability.speed_mps * 0.95,

@@ -85,7 +85,7 @@ impl<T: Scalar> MissionPlan<'_, T> {
     /// Returns the number of items before the first waypoint: home where there is one, take-off,
     /// speed.
     pub(super) fn lead(&self) -> u16 {
-        if self.firmware == Firmware::Px4 { 2 } else { 3 }
+        2 + u16::from(self.firmware.mission_begins_with_home())
     }
 
     /// Returns the number of items.
@@ -96,7 +96,7 @@ impl<T: Scalar> MissionPlan<'_, T> {
 
     /// Returns whether an item is number 0 of an autopilot that puts its home position there.
     pub(super) fn is_home(&self, sequence: u16) -> bool {
-        sequence == 0 && self.firmware != Firmware::Px4
+        sequence == 0 && self.firmware.mission_begins_with_home()
     }
 
     /// Returns item `sequence`, addressed to `to`, or `None` past the end.
