@@ -251,7 +251,7 @@ def autopilot():
     words = ours("doctor")
     for expected in ["connected: PX4, system 1", "a mission would fly",
                      "MPC_XY_CRUISE is 32: it clips speed; set it to 35", "NAV_DLL_ACT is 0",
-                     "COM_OBL_RC_ACT: 4, it lands"]:
+                     "COM_OBL_RC_ACT: 4, land"]:
         check(expected in words, f"doctor does not say {expected!r}:\n{words}")
     for unexpected in ["MPC_XY_VEL_MAX", "could not be read"]:
         check(unexpected not in words, f"doctor says {unexpected!r}:\n{words}")

@@ -263,7 +263,7 @@ pub enum OrderError {
     #[error(transparent)]
     Policy(#[from] PolicyMismatch),
     /// The board has no trained policy.
-    #[error("there is no trained policy here")]
+    #[error("the board has no trained policy")]
     NoPolicy,
     /// The autopilot settings are invalid.
     #[error(transparent)]

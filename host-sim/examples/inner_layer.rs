@@ -149,10 +149,10 @@ impl Method {
                 Outcome {
                     seconds: begun.elapsed().as_secs_f64(),
                     rate: report.rate,
-                    feasible: report.outcome != conic::Outcome::Infeasible,
+                    feasible: report.status != conic::ConicStatus::Infeasible,
                     failed: matches!(
-                        report.outcome,
-                        conic::Outcome::SolverFailed(_) | conic::Outcome::IterationLimit
+                        report.status,
+                        conic::ConicStatus::SolverFailed(_) | conic::ConicStatus::IterationLimit
                     ),
                     solves: report.solves,
                 }

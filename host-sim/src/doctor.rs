@@ -66,7 +66,7 @@ impl fmt::Display for Diagnosis {
             Some((system, firmware)) => {
                 writeln!(f, "connected: {}, system {system}", firmware.name())?;
             }
-            None => writeln!(f, "nobody answers: no autopilot's heartbeat was heard")?,
+            None => writeln!(f, "no autopilot: no heartbeat was received")?,
         }
         if let Some(outcome) = &self.outcome {
             writeln!(f, "outcome: {outcome}")?;
@@ -74,8 +74,8 @@ impl fmt::Display for Diagnosis {
         for (what, all) in [
             ("stops a mission", &self.stops),
             ("slows a mission", &self.slows),
-            ("to know", &self.notes),
-            ("autopilot says", &self.said),
+            ("note", &self.notes),
+            ("autopilot message", &self.said),
         ] {
             for words in all {
                 writeln!(f, "{what}: {words}")?;
@@ -103,9 +103,9 @@ pub fn examine(
     let begin = session.now();
     loop {
         let waited = session.now() - begin;
-        let deaf = client.phase() == Phase::Connecting && waited >= CONNECT_PATIENCE;
+        let unheard = client.phase() == Phase::Connecting && waited >= CONNECT_PATIENCE;
         let wrong = session.wrong_profile().is_some();
-        let over = deaf || wrong || waited >= patience || stop.load(Ordering::Relaxed);
+        let over = unheard || wrong || waited >= patience || stop.load(Ordering::Relaxed);
         if over || client.phase() == Phase::Standby {
             break;
         }
@@ -125,36 +125,40 @@ pub fn examine(
         && let Some((_, firmware)) = client.vehicle()
     {
         let own = client.own().system;
-        let words = without_us(firmware, own, |name| client.parameter(name));
+        let words = loss_of_client(firmware, own, |name| client.parameter(name));
         diagnosis.notes.extend(words);
     }
     if client.phase() != Phase::Standby && diagnosis.vehicle.is_some() && diagnosis.stops.is_empty()
     {
         let words = client.obstacle().map(|obstacle| obstacle.to_string());
-        let words = words.unwrap_or_else(|| "the checks did not end".into());
+        let words = words.unwrap_or_else(|| "the checks were not completed in time".into());
         diagnosis.stops.push(words);
     }
     Ok(diagnosis)
 }
 
-/// Returns what happens if this process dies in flight, according to the autopilot's parameters,
+/// Returns what happens if this process ends unexpectedly in flight, according to the autopilot's parameters,
 /// with and without a ground station. `own_system` is the system id of our heartbeats.
-pub fn without_us(
+pub fn loss_of_client(
     firmware: Firmware,
     own_system: u8,
     parameter: impl Fn(&str) -> Option<f32>,
 ) -> Vec<String> {
     match firmware {
         Firmware::Generic => {
-            vec!["if this process dies: the built-in vehicle stops after 3 s and hovers".into()]
+            vec![
+                "if this process ends unexpectedly: the built-in vehicle stops after 3 s and \
+                  hovers"
+                    .into(),
+            ]
         }
         Firmware::ArduCopter => {
             let timeout_s = parameter("GUID_TIMEOUT").unwrap_or(3.0);
             vec![
                 format!(
-                    "if this process dies: the vehicle flies on with its last velocity for \
-                     {timeout_s} s (GUID_TIMEOUT), then brakes, comes back some way and hovers \
-                     in GUIDED (docs/failsafes.md has the distances)"
+                    "if this process ends unexpectedly: the vehicle continues with its last velocity for \
+                     {timeout_s} s (GUID_TIMEOUT), then brakes, flies back some distance and hovers \
+                     in GUIDED (distances: docs/failsafes.md)"
                 ),
                 arducopter_ground_failsafe(own_system, parameter),
             ]
@@ -163,30 +167,30 @@ pub fn without_us(
             let loss_s = parameter("COM_OF_LOSS_T").unwrap_or(1.0);
             let action = match parameter("COM_OBL_RC_ACT").map(|value| value as i32) {
                 Some(0) => {
-                    "0, the position mode, in which nothing brakes it without a pilot and it sinks"
+                    "0, position mode: without a pilot the vehicle does not brake, and it descends"
                 }
-                Some(1) => "1, the altitude mode",
-                Some(2) => "2, flight by hand",
-                Some(3) => "3, it returns",
-                Some(4) => "4, it lands",
-                Some(5) => "5, it holds",
+                Some(1) => "1, altitude mode",
+                Some(2) => "2, manual flight",
+                Some(3) => "3, return",
+                Some(4) => "4, land",
+                Some(5) => "5, hold",
                 _ => "another action",
             };
             let ground = match parameter("NAV_DLL_ACT").map(|value| value as i32) {
-                None | Some(0) => "NAV_DLL_ACT is 0: a ground station that falls silent, or that \
-                                   was never there, changes nothing"
+                None | Some(0) => "NAV_DLL_ACT is 0: the loss or absence of a ground station has \
+                                   no effect"
                     .into(),
                 Some(value) => format!(
-                    "NAV_DLL_ACT is {value} (1 hold, 2 return, 3 land): it acts {} s after a \
-                     ground station beside has fallen silent (COM_DL_LOSS_T), not when this \
-                     process dies: an onboard computer's heartbeats do not count",
+                    "NAV_DLL_ACT is {value} (1 hold, 2 return, 3 land): it acts {} s after the \
+                     last heartbeat of an additional ground station (COM_DL_LOSS_T), but not when \
+                     this process ends, because heartbeats of an onboard computer do not count",
                     parameter("COM_DL_LOSS_T").unwrap_or(10.0)
                 ),
             };
             vec![
                 format!(
-                    "if this process dies: {loss_s} s later (COM_OF_LOSS_T) comes \
-                     COM_OBL_RC_ACT: {action} (docs/failsafes.md has the distances)"
+                    "if this process ends unexpectedly: after {loss_s} s (COM_OF_LOSS_T) the \
+                     autopilot executes COM_OBL_RC_ACT: {action} (distances: docs/failsafes.md)"
                 ),
                 ground,
             ]
@@ -199,15 +203,15 @@ fn arducopter_ground_failsafe(own_system: u8, parameter: impl Fn(&str) -> Option
     let action = match parameter("FS_GCS_ENABLE").map(|value| value as i32) {
         None => return "FS_GCS_ENABLE could not be read".into(),
         Some(0) => {
-            return "FS_GCS_ENABLE is 0: it hovers on, with a ground station beside or without, \
-                    until a pilot takes over or the battery failsafe acts"
+            return "FS_GCS_ENABLE is 0: the vehicle keeps hovering, with or without an additional \
+                    ground station, until a pilot takes over or the battery failsafe acts"
                 .into();
         }
-        Some(1) => "1, it returns",
-        Some(3) => "3, it returns the way it came, or straight",
-        Some(4) => "4, it returns the way it came, or lands",
-        Some(5) => "5, it lands",
-        Some(7) => "7, it brakes, or lands",
+        Some(1) => "1 (return)",
+        Some(3) => "3 (SmartRTL, or return)",
+        Some(4) => "4 (SmartRTL, or land)",
+        Some(5) => "5 (land)",
+        Some(7) => "7 (brake, or land)",
         Some(_) => "not 0",
     };
     let timeout_s = parameter("FS_GCS_TIMEOUT").unwrap_or(5.0);
@@ -215,15 +219,17 @@ fn arducopter_ground_failsafe(own_system: u8, parameter: impl Fn(&str) -> Option
     let ground = ground.unwrap_or(255.0);
     if ground == f32::from(own_system) {
         format!(
-            "FS_GCS_ENABLE is {action}: {timeout_s} s after this process died, as our heartbeats \
-             (system {own_system}) are the ones that count; a ground station beside with the same \
-             system id keeps it from acting, and the vehicle hovers on"
+            "FS_GCS_ENABLE is {action}: the autopilot acts {timeout_s} s after this process ended, \
+             because it counts the heartbeats of this program (system {own_system}); with an \
+             additional ground station of the same system id it does not act, and the vehicle \
+             keeps hovering"
         )
     } else {
         format!(
-            "FS_GCS_ENABLE is {action}: {timeout_s} s after the ground station with system id \
-             {ground} has fallen silent, and never without one; our heartbeats (system \
-             {own_system}) do not count, so when this process alone dies the vehicle hovers on"
+            "FS_GCS_ENABLE is {action}: the autopilot acts {timeout_s} s after the last heartbeat of \
+             the ground station with system id {ground}, and never without one; heartbeats of this \
+             program (system {own_system}) do not count, so if only this process ends the vehicle \
+             keeps hovering"
         )
     }
 }
@@ -256,15 +262,15 @@ impl fmt::Display for Prediction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{:.1} m/s are possible and {:.1} m/s are needed to arrive; ",
+            "the vehicle can fly {:.1} m/s and needs {:.1} m/s to arrive; ",
             self.possible_mps, self.needed_mps
         )?;
         match self.flight {
             None => f.write_str("the mission would not start"),
             Some(flight) if flight.arrives => write!(
                 f,
-                "it would arrive, with {:.1} bit/s/Hz in all ({:.0} % of the ideal flight's {:.1}), \
-                 if the airframe reaches what its parameters allow",
+                "it would arrive with a sum rate of {:.1} bit/s/Hz ({:.0} % of {:.1} in an ideal \
+                 flight), if the airframe reaches the speed that its parameters allow",
                 flight.total,
                 100.0 * flight.total / self.ideal,
                 self.ideal
@@ -358,7 +364,7 @@ pub fn parameter_table(speed_mps: f32) -> String {
                 ("speed", _) => "m/s",
                 ("acceleration", Some(100.0)) => "cm/s²",
                 ("acceleration", _) => "m/s²",
-                ("the change of acceleration", _) => "m/s³",
+                ("jerk", _) => "m/s³",
                 (_, Some(100.0)) => "0.01°",
                 _ => "°",
             };
@@ -379,25 +385,28 @@ mod tests {
     /// The text says for each autopilot which heartbeats keep its failsafe from acting, and which
     /// do not.
     #[test]
-    fn what_happens_without_us_is_said_from_the_parameters() {
+    fn the_effect_of_a_lost_client_is_described_from_the_parameters() {
         let with = |all: &'static [(&str, f32)]| {
             move |name: &str| all.iter().find(|(known, _)| *known == name).map(|p| p.1)
         };
-        let arducopter = |own, all| without_us(Firmware::ArduCopter, own, with(all)).join("\n");
+        let arducopter = |own, all| loss_of_client(Firmware::ArduCopter, own, with(all)).join("\n");
         let off = arducopter(1, &[("FS_GCS_ENABLE", 0.0), ("GUID_TIMEOUT", 2.5)]);
         assert!(off.contains("for 2.5 s (GUID_TIMEOUT)"), "{off}");
-        assert!(off.contains("hovers on, with a ground station beside or without"));
+        assert!(off.contains("with or without an additional ground station"));
         const ON: &[(&str, f32)] = &[("FS_GCS_ENABLE", 1.0), ("SYSID_MYGCS", 255.0)];
         let beside = arducopter(1, ON);
         assert!(beside.contains("(system 1) do not count"), "{beside}");
         let counted = arducopter(255, ON);
-        assert!(counted.contains("5 s after this process died"), "{counted}");
+        assert!(
+            counted.contains("5 s after this process ended"),
+            "{counted}"
+        );
         const NEWER: &[(&str, f32)] = &[("FS_GCS_ENABLE", 5.0), ("MAV_GCS_SYSID", 254.0)];
         let newer = arducopter(254, NEWER);
-        assert!(newer.contains("5, it lands"), "{newer}");
+        assert!(newer.contains("5 (land)"), "{newer}");
         const PX4: &[(&str, f32)] = &[("COM_OBL_RC_ACT", 4.0), ("NAV_DLL_ACT", 2.0)];
-        let px4 = without_us(Firmware::Px4, 1, with(PX4)).join("\n");
-        assert!(px4.contains("COM_OBL_RC_ACT: 4, it lands"), "{px4}");
+        let px4 = loss_of_client(Firmware::Px4, 1, with(PX4)).join("\n");
+        assert!(px4.contains("COM_OBL_RC_ACT: 4, land"), "{px4}");
         assert!(px4.contains("heartbeats do not count"), "{px4}");
     }
 

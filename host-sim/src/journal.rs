@@ -187,9 +187,9 @@ pub enum FailedRestore {
     Io(#[from] io::Error),
     /// No autopilot was received.
     #[error("{0}")]
-    NobodyThere(NoHeartbeat),
+    NoHeartbeat(NoHeartbeat),
     /// Another vehicle answered.
-    #[error("{journal} is about another vehicle ({vehicle}); nothing was changed")]
+    #[error("{journal} belongs to another vehicle ({vehicle}); nothing was changed")]
     WrongVehicle {
         /// The file.
         journal: String,
@@ -197,7 +197,7 @@ pub enum FailedRestore {
         vehicle: String,
     },
     /// Some parameters still have the values that the run set.
-    #[error("not put back: {names}; {journal} keeps them")]
+    #[error("not restored: {names}; they remain in {journal}")]
     Left {
         /// Their names.
         names: String,
@@ -222,7 +222,7 @@ pub fn restore(
     let begin = session.now();
     while client.vehicle().is_none() {
         if session.now() - begin >= CONNECT_PATIENCE || stop.load(Ordering::Relaxed) {
-            return Err(FailedRestore::NobodyThere(session.silence(begin)));
+            return Err(FailedRestore::NoHeartbeat(session.silence(begin)));
         }
         session.turn(client, |_, _, _| {})?;
     }
@@ -247,7 +247,7 @@ pub fn restore(
             if !std::mem::replace(&mut said, true) {
                 let names = journal.names();
                 say(&format!(
-                    "waiting for the vehicle to be disarmed to put back {names}"
+                    "waiting for the vehicle to be disarmed to restore {names}"
                 ));
             }
         } else if now - *disarmed.get_or_insert(now) > RESTORE_PATIENCE
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn it_keeps_the_first_value_until_all_are_put_back() {
+    fn it_keeps_the_first_value_until_all_are_restored() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE_NAME);
         let open = || ParameterJournal::open(&path, "udpout:host:14550").unwrap();

@@ -1,4 +1,5 @@
-//! `host-sim`: runs missions, serves the vehicle, solves slots and makes scenarios.
+//! `host-sim`: flies missions, runs the built-in vehicle, solves slot problems, computes bounds and
+//! generates scenarios.
 //!
 //! Exit codes: 0 (success), 1 (a run failed), 2 (invalid usage or invalid input).
 
@@ -12,42 +13,43 @@ use command::{
     benchmark, bound, doctor, experiment, faults, plan, run, scenario, solve, upload, vehicle,
 };
 
-/// A UAV that serves users and averages sensors over the air: flies missions, end to end.
+/// Simulates a UAV that serves users and averages sensor values over the air, from the slot problem
+/// to the flight through a MAVLink autopilot
 #[derive(Debug, Parser)]
 #[command(version, about, long_about = None, args_conflicts_with_subcommands = true)]
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Without a command: run.
+    /// The options of `run`, which is the default command.
     #[command(flatten)]
     run: run::RunArguments,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Fly one mission; what happens without any command, too
+    /// Fly one mission and write its report (default command)
     Run(run::RunArguments),
-    /// The built-in vehicle as a process of its own, speaking MAVLink to anyone
+    /// Run the built-in vehicle as a separate process that speaks MAVLink
     Vehicle(vehicle::VehicleArguments),
-    /// Plan the whole mission and hand it to an autopilot
+    /// Plan the whole mission and upload it to an autopilot
     Upload(upload::UploadArguments),
-    /// Say what would stop or slow a mission with an autopilot; moves nothing. With --restore: put
-    /// back the parameters that an interrupted run left changed
+    /// Check an autopilot and report what would stop or slow a mission, without moving it; with
+    /// --restore, restore the parameters that an interrupted run left changed
     Doctor(doctor::DoctorArguments),
     /// Solve slot problems given as JSON lines
     Solve(solve::SolveArguments),
-    /// Certify the most that any mission can carry, and find a mission close to it
+    /// Compute a certified upper bound on the sum rate of a scenario, and a mission close to it
     Bound(bound::BoundArguments),
-    /// Plan a mission once with the onboard planner; write it for QGroundControl
+    /// Plan a mission once with the onboard planner, and write it as a QGroundControl file on request
     Plan(plan::PlanArguments),
-    /// Fly policies through a set of missions and compare them with certified bounds
+    /// Fly policies on a set of missions and compare their sum rates with certified bounds
     Benchmark(benchmark::BenchmarkArguments),
-    /// The paper's figures, each as a CSV file and a drawing, with its claims judged
+    /// Reproduce the paper's figures as CSV and SVG files, and check the paper's claims against them
     Experiment(experiment::ExperimentArguments),
-    /// Fly a mission with a board whose ground link is damaged, beside its twin; fail where they
-    /// differ or the board miscounts
+    /// Fly a mission with a board under injected faults on its ground link, compare every slot with
+    /// the same controller in this process, and fail if they differ
     Faults(faults::FaultsArguments),
-    /// Make, check or draw a scenario
+    /// Generate, check or draw scenarios
     #[command(subcommand)]
     Scenario(scenario::Command),
 }

@@ -1,4 +1,4 @@
-//! The policies that a person can name on a command line.
+//! The policies that can be selected on the command line.
 
 use std::{
     fmt,
@@ -20,24 +20,24 @@ use planning::planner::{self, HostPlanner, PlanProgress};
 use planning::{search::SearchPolicy, waypoint_file};
 use scenario::Scenario;
 
-/// Who decides, as named.
+/// A policy as selected on the command line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum PolicyChoice {
-    /// The trained policy that is shipped for the mission (SAC with Table I's settings); the onboard
-    /// planner for every other mission, and in a build without the feature `onnx`.
+    /// The trained policy that is shipped for the mission (SAC with Table I's settings), or the
+    /// onboard planner for other missions and in builds without the feature `onnx`.
     #[default]
     Shipped,
-    /// Straight to the destination, nearest user.
+    /// Flies straight to the destination and serves the nearest user.
     StraightLine,
-    /// Hover over the middle of all nodes, nearest user.
+    /// Hovers over the centre of all nodes and serves the nearest user.
     Fixed,
-    /// The near-optimal mission that `host-sim bound` finds, decided before take-off.
+    /// The near-optimal mission that `host-sim bound` finds, computed before take-off.
     Search,
-    /// The onboard planner, which plans before take-off and corrects its plan in flight.
+    /// The onboard planner, which plans before take-off and re-plans in flight.
     Plan,
     /// A trained policy.
     File(PathBuf),
-    /// Waypoints that somebody else has planned: see [`waypoint_file`].
+    /// A file with planned waypoints: see [`waypoint_file`].
     Waypoints(PathBuf),
 }
 
@@ -75,7 +75,7 @@ impl fmt::Display for PolicyChoice {
             Self::Fixed => f.write_str("fixed"),
             Self::Search => f.write_str("search"),
             Self::Plan => f.write_str("plan"),
-            // Where a file lies is no part of what it decides.
+            // Records contain only the file's name, because its directory does not affect its decisions.
             Self::File(path) | Self::Waypoints(path) => match path.file_name() {
                 Some(name) => name.to_string_lossy().fmt(f),
                 None => path.display().fmt(f),
@@ -84,7 +84,7 @@ impl fmt::Display for PolicyChoice {
     }
 }
 
-/// Embeds policies of `models/cells`: their names and contents.
+/// Embeds policies of `models/cells`: names and contents.
 macro_rules! cells {
     ($($name:literal,)*) => {
         [$((
@@ -94,7 +94,7 @@ macro_rules! cells {
     };
 }
 
-/// The policies that are shipped: SAC with Table I's settings, each for its own mission.
+/// The shipped policies: SAC with Table I's settings, each trained for one mission.
 static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
     let default: [(&str, &[u8]); 2] = [
         (
@@ -126,63 +126,63 @@ static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
     ];
     default.into_iter().chain(cells).collect()
 });
-/// How many of them are for the missions of the paper's figures.
+/// The number of policies for the missions of the paper's figures.
 const CELLS: usize = 16;
 
 /// Returns the policy that was trained for the mission of a scenario, if one is shipped: its file's
 /// name and content.
 fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
-    // The digest is text in the file: reading all of them as networks would take a second.
+    // The file contains the digest as text. Parsing all files as networks would take a second.
     let digest = scenario.digest();
-    let names_it = |file: &[u8]| {
+    let has_digest = |file: &[u8]| {
         let mut parts = file.windows(digest.len());
         parts.any(|part| part == digest.as_bytes())
     };
-    let found = SHIPPED.iter().find(|(_, file)| names_it(file))?;
+    let found = SHIPPED.iter().find(|(_, file)| has_digest(file))?;
     cfg!(feature = "onnx").then_some(*found)
 }
 
-/// A policy of any kind, ready to decide.
+/// A policy of any kind that has been loaded for a mission.
 #[derive(Debug)]
 pub enum HostPolicy {
-    /// Straight to the destination, nearest user.
+    /// Flies straight to the destination and serves the nearest user.
     StraightLine(StraightLine<f64, USERS_MAX>),
-    /// Hover over one place, nearest user.
+    /// Hovers over one position and serves the nearest user.
     Fixed(FixedPosition<f64, USERS_MAX>),
-    /// A mission decided in advance.
+    /// A mission that was planned in advance.
     Search(SearchPolicy),
     /// The onboard planner.
     Plan(Box<HostPlanner>),
-    /// A `.policy` file, run as the microcontroller runs it.
+    /// A `.policy` file, evaluated by the same code as on the microcontroller.
     Mlp(Box<Mlp<Vec<u8>>>),
-    /// An `.onnx` file, run by tract.
+    /// An `.onnx` file, evaluated by tract.
     #[cfg(feature = "onnx")]
     Onnx(Box<OnnxPolicy>),
 }
 
-/// How far the preparation of a policy is.
+/// The progress of the preparation of a policy.
 #[derive(Clone, Copy, Debug)]
 pub enum LoadProgress<'a> {
-    /// [`PolicyChoice::Search`] works.
-    Search(&'a bound::Progress),
-    /// [`PolicyChoice::Plan`] works.
+    /// The progress of [`PolicyChoice::Search`].
+    Search(&'a bound::BoundProgress),
+    /// The progress of [`PolicyChoice::Plan`].
     Plan(&'a PlanProgress),
 }
 
 impl HostPolicy {
-    /// The policy of this name for a mission, and the name that its records carry.
+    /// Loads the selected policy for a mission, and returns it with its name for records.
     ///
     /// # Errors
-    /// A file that cannot be read, is no policy, or does not fit the mission: in one line.
+    /// Returns a message of one line if a file cannot be read, is not a policy, or does not fit the
+    /// mission.
     pub fn load(choice: &PolicyChoice, scenario: &Scenario) -> Result<(Self, String), String> {
         Self::load_watched(choice, scenario, |_| {})
     }
 
-    /// As [`HostPolicy::load`]; calls `progress` while a search or a plan is being
-    /// made.
+    /// Like [`HostPolicy::load`], and calls `progress` during a search or a plan.
     ///
     /// # Errors
-    /// As [`HostPolicy::load`].
+    /// Like [`HostPolicy::load`].
     pub fn load_watched(
         choice: &PolicyChoice,
         scenario: &Scenario,
@@ -223,8 +223,8 @@ impl HostPolicy {
         Ok((policy, choice.to_string()))
     }
 
-    /// What to say of a policy that was trained for another mission; `None` where it was trained for
-    /// this one, or not trained at all.
+    /// Returns a warning if the policy was trained for another mission, or `None` if it was trained for
+    /// this one or is not a trained policy.
     pub fn foreign_mission(&self, scenario: &Scenario) -> Option<String> {
         scenario.foreign_policy(self.provenance()?)
     }
@@ -241,7 +241,7 @@ impl HostPolicy {
         };
         if let Some(provenance) = policy.provenance() {
             let fits = provenance.check(&scenario.mission);
-            fits.map_err(|misfit| named(path, misfit))?;
+            fits.map_err(|mismatch| named(path, mismatch))?;
         }
         Ok(policy)
     }
@@ -255,13 +255,13 @@ impl HostPolicy {
     #[cfg(not(feature = "onnx"))]
     fn read_onnx(_: &[u8]) -> Result<Self, String> {
         Err(
-            "this build cannot run .onnx files (feature onnx): `trainer convert F.onnx F.policy` \
-             makes a file that it can"
+            "this build does not support .onnx files (feature onnx); `trainer convert F.onnx \
+             F.policy` converts the file to a format that it supports"
                 .into(),
         )
     }
 
-    /// What a trained policy was trained for.
+    /// Returns the origin of a trained policy: the mission and the settings of its training.
     pub fn provenance(&self) -> Option<&Provenance> {
         match self {
             Self::StraightLine(_) | Self::Fixed(_) | Self::Search(_) | Self::Plan(_) => None,
@@ -272,7 +272,7 @@ impl HostPolicy {
     }
 }
 
-/// The problem with the file in front.
+/// Returns the problem with the path of the file before it.
 fn named(path: &Path, problem: impl fmt::Display) -> String {
     format!("{}: {problem}", path.display())
 }

@@ -39,7 +39,7 @@ pub struct Upload<'a> {
 
 /// An event of an upload, to be displayed.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Progress {
+pub enum UploadProgress {
     /// The autopilot has requested this number of items.
     Items {
         /// The number of requested items.
@@ -59,7 +59,7 @@ pub enum FailedUpload {
     Link(#[from] io::Error),
     /// No autopilot was received.
     #[error("{0}")]
-    NobodyThere(NoHeartbeat),
+    NoHeartbeat(NoHeartbeat),
     /// The specified profile is for another autopilot.
     #[error("{0}")]
     WrongProfile(WrongProfile),
@@ -70,7 +70,7 @@ pub enum FailedUpload {
     #[error("{0}")]
     Plan(#[from] PlanError),
     /// The transfer failed.
-    #[error("{error}; {}", what_is_left(*.left))]
+    #[error("{error}; {}", remaining_mission(*.left))]
     Transfer {
         /// The reason.
         error: UploadError,
@@ -82,12 +82,12 @@ pub enum FailedUpload {
     Watch(#[from] WatchError),
 }
 
-fn what_is_left(left: Left) -> &'static str {
+fn remaining_mission(left: Left) -> &'static str {
     match left {
-        Left::Old => "the autopilot keeps the mission it had",
-        Left::Nothing => "what had arrived was cleared: the autopilot has no mission",
-        Left::Whole => "the autopilot has the whole mission",
-        Left::Unknown => "what the autopilot has now is NOT known: check before you fly",
+        Left::Old => "the autopilot keeps its former mission",
+        Left::Nothing => "the received items were cleared: the autopilot has no mission",
+        Left::Whole => "the autopilot has the complete mission",
+        Left::Unknown => "the mission in the autopilot is NOT known: check it before you fly",
     }
 }
 
@@ -126,7 +126,7 @@ type Changed = Vec<(&'static str, f32)>;
 fn take_events(
     client: &mut Autopilot<f64>,
     changed: &mut Changed,
-    progress: &mut impl FnMut(Progress),
+    progress: &mut impl FnMut(UploadProgress),
 ) {
     while let Some(event) = client.take_next_event() {
         match &event {
@@ -135,7 +135,7 @@ fn take_events(
                 changed.retain(|(known, _)| known != name);
             }
             Event::Finding(left @ Finding::NotRestored { .. }) => {
-                progress(Progress::Note(format!("{left}; set it by hand")));
+                progress(UploadProgress::Note(format!("{left}; set it manually")));
                 continue;
             }
             // These phases belong to a flight by setpoints, which an upload is not, and the client
@@ -149,7 +149,7 @@ fn take_events(
             _ if !is_notable(&event) => continue,
             _ => {}
         }
-        progress(Progress::Note(event.to_string()));
+        progress(UploadProgress::Note(event.to_string()));
     }
 }
 
@@ -180,7 +180,7 @@ impl Upload<'_> {
         session: &mut Session,
         client: &mut Autopilot<f64>,
         stop: &AtomicBool,
-        mut progress: impl FnMut(Progress),
+        mut progress: impl FnMut(UploadProgress),
     ) -> Result<u16, FailedUpload> {
         let mut changed = Changed::new();
         let outcome = self.connect_and_transfer(session, client, stop, &mut changed, &mut progress);
@@ -190,20 +190,20 @@ impl Upload<'_> {
         {
             let followed = watch(session, client, items, stop, |seen| {
                 progress(match seen {
-                    Seen::Item(done) => Progress::Items { done, count: items },
-                    Seen::Event(words) => Progress::Note(words),
+                    Seen::Item(done) => UploadProgress::Items { done, count: items },
+                    Seen::Event(words) => UploadProgress::Note(words),
                 });
             });
             if client.is_armed() {
-                say_what_stays(&changed, &mut progress);
+                report_former_values(&changed, &mut progress);
             } else {
-                put_back(session, client, &mut changed, &mut progress)?;
+                restore_parameters(session, client, &mut changed, &mut progress)?;
             }
             return Ok(followed.map(|()| items)?);
         }
         match &outcome {
-            Ok(_) => say_what_stays(&changed, &mut progress),
-            Err(_) => put_back(session, client, &mut changed, &mut progress)?,
+            Ok(_) => report_former_values(&changed, &mut progress),
+            Err(_) => restore_parameters(session, client, &mut changed, &mut progress)?,
         }
         outcome
     }
@@ -222,7 +222,7 @@ impl Upload<'_> {
         client: &mut Autopilot<f64>,
         stop: &AtomicBool,
         changed: &mut Changed,
-        progress: &mut impl FnMut(Progress),
+        progress: &mut impl FnMut(UploadProgress),
     ) -> Result<u16, FailedUpload> {
         let begin = session.now();
         while !self.is_prepared(client, session.now()) {
@@ -232,13 +232,15 @@ impl Upload<'_> {
                 return Err(FailedUpload::WrongProfile(wrong));
             }
             let waited = session.now() - begin;
-            let deaf = client.vehicle().is_none() && waited >= CONNECT_PATIENCE;
-            if deaf || waited >= self.patience || stop.load(Ordering::Relaxed) {
+            let unheard = client.vehicle().is_none() && waited >= CONNECT_PATIENCE;
+            if unheard || waited >= self.patience || stop.load(Ordering::Relaxed) {
                 let obstacle = client.obstacle().map(|obstacle| obstacle.to_string());
                 return Err(match (client.vehicle(), obstacle) {
-                    (None, _) => FailedUpload::NobodyThere(session.silence(begin)),
+                    (None, _) => FailedUpload::NoHeartbeat(session.silence(begin)),
                     (_, Some(words)) => FailedUpload::NotReady(words),
-                    (_, None) => FailedUpload::NotReady("its checks did not end".into()),
+                    (_, None) => {
+                        FailedUpload::NotReady("its checks were not completed in time".into())
+                    }
                 });
             }
         }
@@ -251,11 +253,13 @@ impl Upload<'_> {
             return Err(FailedUpload::NotReady(refusal.to_string()));
         }
         if let Some(words) = short_legs(self.waypoints, self.speed_mps) {
-            progress(Progress::Note(words));
+            progress(UploadProgress::Note(words));
         }
         let settings = *client.settings();
         let Some((to, firmware)) = client.vehicle() else {
-            return Err(FailedUpload::NotReady("it is gone".into()));
+            return Err(FailedUpload::NotReady(
+                "the autopilot is not connected".into(),
+            ));
         };
         let plan = MissionPlan {
             firmware,
@@ -280,14 +284,14 @@ impl Upload<'_> {
             }
             if upload.waits_for_space() && !said {
                 said = true;
-                progress(Progress::Note(format!(
-                    "the autopilot has no space for a mission; it is asked again for {} s, as \
-                     ArduCopter has none in the first seconds after it has booted",
+                progress(UploadProgress::Note(format!(
+                    "the autopilot reports no space for a mission; the upload is repeated for {} s, \
+                     because ArduCopter reports this in the first seconds after it has booted",
                     SPACE_PATIENCE.as_secs_f64()
                 )));
             }
             let (done, count) = upload.progress();
-            progress(Progress::Items { done, count });
+            progress(UploadProgress::Items { done, count });
             match upload.outcome() {
                 // The last message of a read-back may still be due.
                 Some(outcome) => {
@@ -305,7 +309,7 @@ impl Upload<'_> {
 }
 
 /// Reports the former values of the parameters that stay set for the mission.
-fn say_what_stays(changed: &Changed, progress: &mut impl FnMut(Progress)) {
+fn report_former_values(changed: &Changed, progress: &mut impl FnMut(UploadProgress)) {
     if changed.is_empty() {
         return;
     }
@@ -313,19 +317,19 @@ fn say_what_stays(changed: &Changed, progress: &mut impl FnMut(Progress)) {
         .iter()
         .map(|(name, from)| format!("{name} {from}"))
         .collect();
-    progress(Progress::Note(format!(
-        "the parameters stay set, for the mission flies with them; they were: {}",
+    progress(UploadProgress::Note(format!(
+        "the parameters stay set because the mission needs them; their former values: {}",
         old.join(", ")
     )));
 }
 
 /// Restores the parameters that were set, after a failure or after a flight that was followed to
 /// its end.
-fn put_back(
+fn restore_parameters(
     session: &mut Session,
     client: &mut Autopilot<f64>,
     changed: &mut Changed,
-    progress: &mut impl FnMut(Progress),
+    progress: &mut impl FnMut(UploadProgress),
 ) -> io::Result<()> {
     let begin = session.now();
     client.stop(begin);

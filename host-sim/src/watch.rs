@@ -30,10 +30,12 @@ pub enum WatchError {
     #[error("link: {0}")]
     Link(#[from] io::Error),
     /// The motors never turned.
-    #[error("the mission was started, but the motors do not turn")]
+    #[error("the mission was started, but the motors did not start")]
     NotArmed,
-    /// No message was received for this time, seconds. The autopilot flies on by itself.
-    #[error("nothing heard for {0:.0} s on the way to item {1}: the autopilot flies on by itself")]
+    /// No message was received for this time, seconds. The autopilot continues the mission.
+    #[error(
+        "no message received for {0:.0} s on the way to item {1}; the autopilot continues the mission"
+    )]
     Silence(f64, u16),
     /// The motors stopped before the last waypoint.
     #[error("the motors stopped on the way to item {reached} of {last}")]
@@ -43,8 +45,8 @@ pub enum WatchError {
         /// The last item.
         last: u16,
     },
-    /// The user asked to stop watching. The autopilot flies on by itself.
-    #[error("stopped watching on the way to item {0}: the autopilot flies on by itself")]
+    /// The user asked to stop watching. The autopilot continues the mission.
+    #[error("stopped watching on the way to item {0}; the autopilot continues the mission")]
     Stopped(u16),
 }
 

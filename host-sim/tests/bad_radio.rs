@@ -58,7 +58,7 @@ fn assert_ends_well(record: &FlightRecord, seed: u64, ideal_rate: f64) -> Summar
     assert_eq!(summary.constraint_violations, 0, "{}", context());
     assert_eq!(said("FAILSAFE"), 0, "{}", context());
     assert_eq!(said("disarmed"), 1, "{}", context());
-    assert_eq!(said(" set from "), said(" put back to "), "{}", context());
+    assert_eq!(said(" set from "), said(" restored to "), "{}", context());
     // Inertia reduces the rate: by 2.1 % with ArduCopter's recorded dynamics on a perfect link, and
     // by at most 3.1 % on these.
     let share = summary.sum_rate / ideal_rate;

@@ -58,7 +58,7 @@ fn an_order_without_its_policy_is_refused() {
     let scenario = Scenario::shipped("separated").expect("shipped");
     let order = order(&scenario, Profile::Ideal, PolicyKind::Trained);
     let refusal = Twin::new(&order, None).expect_err("no policy");
-    assert_eq!(refusal, "there is no trained policy here");
+    assert_eq!(refusal, "the board has no trained policy");
     let refusal = Twin::new(&order, Some((*b"ONNX").into())).expect_err("no policy");
     assert!(refusal.contains("UAVP"), "{refusal}");
 }

@@ -7,7 +7,7 @@ use firmware_core::{
     mission::{Area, MissionParameters},
     shield::{Fairness, Intervention, ReachableSet, admissible_waypoint},
 };
-use planning::bound::{Bound, BoundError, Settings, certify};
+use planning::bound::{Bound, BoundError, BoundSettings, certify};
 use planning::search::SearchPolicy;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -27,8 +27,8 @@ fn changed(
     Mission::new(parameters).expect("a valid mission")
 }
 
-/// Settings for a quick search: one leaf, coarse cells.
-const QUICK: Settings = Settings {
+/// BoundSettings for a quick search: one leaf, coarse cells.
+const QUICK: BoundSettings = BoundSettings {
     gap: 0.01,
     finest_cell_m: 1.0,
     leaves_max: 1,
@@ -36,7 +36,7 @@ const QUICK: Settings = Settings {
     work_max: 4_000_000,
 };
 
-fn bound(mission: &HostMission, settings: &Settings) -> Bound {
+fn bound(mission: &HostMission, settings: &BoundSettings) -> Bound {
     certify(mission, settings, |_| {}).expect("a bound")
 }
 
@@ -185,7 +185,7 @@ fn enumeration_never_exceeds_the_bound() {
             let wish = p.start + nalgebra::Vector2::new(turn.cos(), turn.sin()) * away;
             p.destination = Position::new(wish.x.clamp(0.0, 200.0), wish.y.clamp(0.0, 160.0));
         });
-        let bound = bound(&mission, &Settings::default());
+        let bound = bound(&mission, &BoundSettings::default());
         let best = best_by_enumeration(&mission, 13.0);
         assert!(best <= bound.upper, "round {round}: {best} {}", bound.upper);
         assert!(bound.lower <= bound.upper);
@@ -295,7 +295,7 @@ fn a_reach_beyond_the_area_is_the_area() {
 fn the_limit_on_pairs_holds_at_the_branching_depth_too() {
     let mission = shipped("separated");
     let with_pairs = |pairs_max: usize| {
-        let settings = Settings { pairs_max, ..QUICK };
+        let settings = BoundSettings { pairs_max, ..QUICK };
         certify(&mission, &settings, |_| {}).map(|bound| bound.upper)
     };
     // 60 slots of at most 67 x 67 cells of 15 m, and four times that of 7.5 m.
@@ -312,7 +312,7 @@ fn the_limit_on_pairs_holds_at_the_branching_depth_too() {
 #[test]
 fn nothing_carried_is_no_gap() {
     let deaf = changed(&shipped("separated"), |p| p.mse_threshold = 1e-6);
-    let bound = bound(&deaf, &Settings::default());
+    let bound = bound(&deaf, &BoundSettings::default());
     assert!(bound.carries_nothing());
     assert_eq!((bound.lower, bound.gap, bound.leaves), (0.0, 0.0, 1));
     assert!(bound.upper < 60.0 * 2e-9, "{}", bound.upper);
@@ -327,7 +327,7 @@ fn missions_without_room_and_missions_too_large_are_refused() {
     });
     assert!(matches!(
         certify(&tight, &QUICK, |_| {}),
-        Err(BoundError::NoRoom { .. })
+        Err(BoundError::StraightPathOnly { .. })
     ));
     for slots in [1001, 100_000] {
         let long = changed(&mission, |p| p.slots = slots);

@@ -6,7 +6,7 @@ use firmware_core::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use reference::conic::{self, Outcome, Report};
+use reference::conic::{self, ConicSolution, ConicStatus};
 use reference::solve::Problem;
 
 fn limits(problem: &Problem) -> SlotLimits<f64> {
@@ -35,29 +35,29 @@ fn exact(problem: &Problem) -> (Solution<f64>, f64) {
 }
 
 /// Checks the bounds and the accuracy by the printed formulas, whatever Clarabel returned.
-fn check(problem: &Problem, report: &Report) {
+fn check(problem: &Problem, solved: &ConicSolution) {
     let gains = gains(problem);
     assert!(
-        report
+        solved
             .sensor_coefficients
             .iter()
             .all(|b| b * b <= problem.sensor_power_max)
     );
-    assert!((0.0..=problem.user_power_max).contains(&report.user_power_w));
+    assert!((0.0..=problem.user_power_max).contains(&solved.user_power_w));
     let slot = aircomp::Slot {
         sensor_gains: &gains,
-        sensor_coefficients: &report.sensor_coefficients,
+        sensor_coefficients: &solved.sensor_coefficients,
         user_gain: PowerGain(problem.user_gain.unwrap_or(0.0)),
-        user_power: Watt(report.user_power_w),
+        user_power: Watt(solved.user_power_w),
         noise_power: Watt(problem.noise_power),
     };
-    if report.outcome != Outcome::Infeasible {
-        let mse = slot.mse(report.normalizing_factor);
+    if solved.status != ConicStatus::Infeasible {
+        let mse = slot.mse(solved.normalizing_factor);
         assert!(
             mse <= problem.mse_threshold * (1.0 + 1e-9),
-            "{mse} {report:?} {problem:?}"
+            "{mse} {solved:?} {problem:?}"
         );
-        assert!((report.rate - slot.rate()).abs() <= 1e-9 * slot.rate() + 1e-15);
+        assert!((solved.rate - slot.rate()).abs() <= 1e-9 * slot.rate() + 1e-15);
     }
 }
 
@@ -84,29 +84,29 @@ fn bisection_finds_the_closed_form() {
     for case in 0..60 {
         let problem = draw(&mut random, [2.0, 4.0, 8.0, 12.0][case % 4]);
         let (solution, least_mse) = exact(&problem);
-        let report = conic::bisect(
+        let solved = conic::bisect(
             &limits(&problem),
             &gains(&problem),
             problem.user_gain.map(PowerGain),
         );
-        check(&problem, &report);
+        check(&problem, &solved);
         assert_eq!(
-            report.outcome == Outcome::Infeasible,
+            solved.status == ConicStatus::Infeasible,
             !solution.status.is_feasible(),
-            "{report:?} {problem:?}"
+            "{solved:?} {problem:?}"
         );
         assert!(
-            (report.least_mse / least_mse - 1.0).abs() < 1e-6,
+            (solved.least_mse / least_mse - 1.0).abs() < 1e-6,
             "{} {least_mse}",
-            report.least_mse
+            solved.least_mse
         );
         assert!(
-            report.rate <= solution.rate * (1.0 + 1e-9),
-            "{report:?} {solution:?}"
+            solved.rate <= solution.rate * (1.0 + 1e-9),
+            "{solved:?} {solution:?}"
         );
         if solution.rate > 0.0 {
-            let short = 1.0 - report.rate / solution.rate;
-            println!("{case}: {short:e} {:?} {}", report.outcome, report.solves);
+            let short = 1.0 - solved.rate / solution.rate;
+            println!("{case}: {short:e} {:?} {}", solved.status, solved.solves);
             worst = worst.max(short);
         } else {
             without_rate += 1;
@@ -130,18 +130,18 @@ fn both_ways_of_alternating_agree() {
         let mut sums = vec![PrefixSum::default(); gains.len()];
         let field = SensorField::new(&limits, &gains, &mut amplitude, &mut sums).expect("a slot");
         let own = field.alternate(user, &settings, |_| {}).expect("a gain");
-        let report = conic::alternate(&limits, &gains, user, &settings);
+        let solved = conic::alternate(&limits, &gains, user, &settings);
         println!(
             "{case}: {} {} {:?} {} {}",
-            own.solution.rate, report.rate, report.outcome, own.subproblems, report.solves
+            own.solution.rate, solved.rate, solved.status, own.subproblems, solved.solves
         );
-        check(&problem, &report);
+        check(&problem, &solved);
         let feasible = own.solution.status.is_feasible();
         feasible_slots += u32::from(feasible);
-        assert_eq!(report.outcome == Outcome::Infeasible, !feasible);
+        assert_eq!(solved.status == ConicStatus::Infeasible, !feasible);
         assert!(
-            (report.rate - own.solution.rate).abs() <= 1e-4 * own.solution.rate,
-            "{report:?} {own:?}"
+            (solved.rate - own.solution.rate).abs() <= 1e-4 * own.solution.rate,
+            "{solved:?} {own:?}"
         );
     }
     assert!(feasible_slots >= 3, "only {feasible_slots} of 4 alternated");

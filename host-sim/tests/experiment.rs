@@ -170,7 +170,7 @@ fn known_bounds_are_what_is_certified_now() {
         .iter()
         .find(|row| row.scenario_digest == digest)
         .expect("known");
-    let now = bound::certify(&scenario.mission, &bound::Settings::default(), |_| {});
+    let now = bound::certify(&scenario.mission, &bound::BoundSettings::default(), |_| {});
     let now = now.expect("bounded");
     assert_eq!((row.upper, row.lower), (now.upper, now.lower));
     for row in known {

@@ -265,7 +265,7 @@ fn parameters_are_set_for_the_flight_and_put_back() {
         assert_ne!(summary.planned_vs_flown_rate, 0.0);
         let (changed, restored) = (
             texts(&record, " set from "),
-            texts(&record, " put back to "),
+            texts(&record, " restored to "),
         );
         assert_eq!(
             (changed.len(), restored.len()),
@@ -275,7 +275,7 @@ fn parameters_are_set_for_the_flight_and_put_back() {
         for words in changed {
             let mut words = words.split(' ');
             let (name, from) = (words.next().unwrap(), words.nth(2).unwrap());
-            let again = format!("{name} put back to {from}");
+            let again = format!("{name} restored to {from}");
             assert!(restored.contains(&again), "{again}: {restored:?}");
         }
     }
@@ -299,7 +299,7 @@ fn parameters_are_put_back_after_ctrl_c() {
         let failed = fly_default_with_parameters_set(Profile::ArduCopter, &mut StopsAfter(events));
         let record = failed.err().and_then(|failed| failed.record);
         let record = record.expect("it was stopped");
-        let restored = texts(&record, " put back to ").len();
+        let restored = texts(&record, " restored to ").len();
         // A value that was being set when ctrl-C was pressed is restored, too.
         let set = texts(&record, " set from ").len();
         assert!(
@@ -307,7 +307,7 @@ fn parameters_are_put_back_after_ctrl_c() {
             "{:#?}",
             record.events
         );
-        assert!(texts(&record, "NOT put back").is_empty());
+        assert!(texts(&record, "NOT restored").is_empty());
         changed += set;
         flown += texts(&record, "taking off").len();
     }

@@ -148,7 +148,7 @@ fn nonsense_is_refused_in_one_line() {
         (&["scenario", "random", "--count", "2"], "needs --out DIR"),
         (
             &["benchmark", "--missions", text(folder.path())],
-            "no scenario here",
+            "contains no scenario",
         ),
     ];
     for (arguments, expected) in cases {

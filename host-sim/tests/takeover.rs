@@ -194,9 +194,9 @@ fn after_a_takeover_parameters_wait_for_the_pilot_to_land() {
     );
     let failed = flown.unwrap_err();
     assert!(waited_armed, "{said:#?}");
-    assert_eq!(count(&said, " put back to "), 4, "{said:#?}");
+    assert_eq!(count(&said, " restored to "), 4, "{said:#?}");
     let position = |part: &str| said.iter().position(|words| words.contains(part));
-    assert!(position("disarmed").unwrap() < position(" put back to ").unwrap());
+    assert!(position("disarmed").unwrap() < position(" restored to ").unwrap());
     assert!(!folder.path().join(FILE_NAME).exists());
     let ended = failed.record.unwrap().ended;
     assert!(
@@ -218,7 +218,7 @@ fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
     assert!(!record.completed && record.ended.contains("nothing heard for 25 s"));
     let slots = record.slots.len();
     assert!((3..=8).contains(&slots), "{slots}");
-    assert_eq!(count(&said, " was NOT put back"), 4, "{said:#?}");
+    assert_eq!(count(&said, " was NOT restored"), 4, "{said:#?}");
     assert!(folder.path().join(FILE_NAME).exists());
 
     // The vehicle was retrieved and kept its parameters; its link works again.
@@ -240,7 +240,7 @@ fn what_a_dead_link_left_changed_is_put_back_by_the_next_run() {
     assert!(second.is_ok(), "{said:#?}");
     assert_eq!(count(&said, "which an earlier run left changed"), 1);
     // The parameters were restored, set for the flight, and restored after it.
-    assert_eq!(count(&said, " put back to "), 8, "{said:#?}");
+    assert_eq!(count(&said, " restored to "), 8, "{said:#?}");
     assert_eq!(count(&said, " set from "), 4, "{said:#?}");
     assert!(!folder.path().join(FILE_NAME).exists());
 }

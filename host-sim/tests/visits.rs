@@ -15,7 +15,7 @@ use flight::{free_port, zigzag};
 use host_sim::doctor::{Diagnosis, examine};
 use host_sim::serve::serve;
 use host_sim::session::Session;
-use host_sim::upload::{FailedUpload, Progress, Upload};
+use host_sim::upload::{FailedUpload, Upload, UploadProgress};
 use link::{LinkAddress, Port, tlog};
 use vehicle::{Profile, Vehicle, VehicleSettings};
 
@@ -97,7 +97,7 @@ fn the_doctor_says_what_stops_and_what_slows_a_mission() {
     let slows = "slows a mission: WPNAV_SPEED is 1000: it clips speed; set it to 3500";
     assert!(text.contains(slows), "{text}");
     assert!(
-        text.contains("to know: FS_GCS_ENABLE is 0: it hovers on"),
+        text.contains("note: FS_GCS_ENABLE is 0: the vehicle keeps hovering"),
         "{text}"
     );
     assert!(text.ends_with("a mission would fly"), "{text}");
@@ -129,8 +129,8 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
     upload
         .run(&mut session, &mut client, &go_on, |progress| {
             notes.extend(match progress {
-                Progress::Note(words) => Some(words),
-                Progress::Items { .. } => None,
+                UploadProgress::Note(words) => Some(words),
+                UploadProgress::Items { .. } => None,
             });
         })
         .unwrap();
@@ -139,7 +139,8 @@ fn an_upload_sets_parameters_and_says_what_they_were() {
         notes.contains("half of the legs are shorter than 30 m"),
         "{notes}"
     );
-    let old = "they were: WPNAV_SPEED 1000, WPNAV_ACCEL 250, ANGLE_MAX 3000, PSC_JERK_XY 5";
+    let old =
+        "their former values: WPNAV_SPEED 1000, WPNAV_ACCEL 250, ANGLE_MAX 3000, PSC_JERK_XY 5";
     assert!(notes.contains(old), "{notes}");
     let diagnosis = diagnose(&process, Profile::ArduCopter, None, 60);
     assert!(diagnosis.slows.is_empty(), "{diagnosis}");
@@ -176,8 +177,8 @@ fn an_uploaded_mission_is_followed_to_its_end() {
                 &mut client,
                 &go_on,
                 |progress| match progress {
-                    Progress::Note(words) => notes.push(words),
-                    Progress::Items { done, .. } => items.push(done),
+                    UploadProgress::Note(words) => notes.push(words),
+                    UploadProgress::Items { done, .. } => items.push(done),
                 },
             )
             .unwrap();
@@ -187,7 +188,7 @@ fn an_uploaded_mission_is_followed_to_its_end() {
         assert!(!notes.contains("stay set"), "{notes}");
         let set = notes.matches(" set from ").count();
         assert!(set > 2, "{notes}");
-        assert_eq!(notes.matches(" put back to ").count(), set, "{notes}");
+        assert_eq!(notes.matches(" restored to ").count(), set, "{notes}");
     }
 }
 
@@ -205,7 +206,7 @@ fn the_doctor_hears_nobody() {
         |_| {},
     )
     .unwrap();
-    assert!(diagnosis.to_string().starts_with("nobody answers"));
+    assert!(diagnosis.to_string().starts_with("no autopilot"));
     assert!(!diagnosis.is_ready());
 }
 
@@ -246,7 +247,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         let mut last = 0;
         let items = upload
             .run(&mut session, &mut client, &go_on, |progress| {
-                if let Progress::Items { done, .. } = progress {
+                if let UploadProgress::Items { done, .. } = progress {
                     last = done;
                 }
             })
@@ -271,7 +272,7 @@ fn a_mission_is_uploaded_and_started_over_udp() {
         assert!(
             matches!(
                 failed,
-                FailedUpload::NotReady(_) | FailedUpload::NobodyThere(_)
+                FailedUpload::NotReady(_) | FailedUpload::NoHeartbeat(_)
             ),
             "{failed}"
         );

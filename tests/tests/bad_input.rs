@@ -49,7 +49,7 @@ fn a_missing_scenario_is_named() {
         &["run", "--scenario", "nowhere/mission.toml"],
         &[
             "error: nowhere/mission.toml: No such file",
-            "shipped are separated, mixed and slow",
+            "the shipped scenarios are separated, mixed and slow",
         ],
     );
 }
@@ -178,7 +178,7 @@ fn a_scenario_that_is_there_is_not_replaced_unasked() {
     assert!(made.contains("mse_threshold = 0.045"), "{made}");
     let refusal = make(&["--seed", "2"]).code(2);
     let complaint = String::from_utf8(refusal.get_output().stderr.clone()).unwrap();
-    assert!(complaint.contains("mine.toml is there already; --overwrite"));
+    assert!(complaint.contains("mine.toml exists already; use --overwrite"));
     assert_eq!(fs::read_to_string(&file).unwrap(), made);
     make(&["--seed", "2", "--overwrite", "--mse-threshold", "0.02"]).success();
     let made = fs::read_to_string(&file).unwrap();

@@ -39,7 +39,7 @@ fn a_mission_that_carries_nothing_is_said_to() {
         .success();
     let words = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
     assert!(
-        words.contains("no place in reach meets the MSE threshold"),
+        words.contains("no reachable position meets the MSE threshold"),
         "{words}"
     );
     assert!(words.contains("gap       0.000 %"), "{words}");
@@ -56,11 +56,11 @@ fn nonsense_is_refused_in_one_line() {
         ),
         (
             &["--slots", "100000"],
-            "the mission has 100000 slots, but at most 1000 are bounded",
+            "the mission has 100000 slots, but the bound supports at most 1000",
         ),
         (
             &["--slots", "1001"],
-            "the mission has 1001 slots, but at most 1000 are bounded",
+            "the mission has 1001 slots, but the bound supports at most 1000",
         ),
     ];
     for (arguments, expected) in cases {

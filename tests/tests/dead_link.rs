@@ -127,7 +127,7 @@ fn restore(link: &str, journal: &Path) -> Output {
 }
 
 /// The autopilot is killed in flight: the run ends in time with everything written, and the doctor
-/// puts back what it left changed.
+/// restores what it left changed.
 #[test]
 fn a_killed_autopilot_ends_the_run_and_the_doctor_restores() {
     let port = free_port();
@@ -162,10 +162,10 @@ fn a_killed_autopilot_ends_the_run_and_the_doctor_restores() {
     let words = String::from_utf8(doctor.stderr).unwrap();
     assert!(doctor.status.success(), "{words}");
     for value in [
-        "WPNAV_SPEED put back to 1000",
-        "WPNAV_ACCEL put back to 250",
-        "ANGLE_MAX put back to 3000",
-        "PSC_JERK_XY put back to 5",
+        "WPNAV_SPEED restored to 1000",
+        "WPNAV_ACCEL restored to 250",
+        "ANGLE_MAX restored to 3000",
+        "PSC_JERK_XY restored to 5",
     ] {
         assert!(words.contains(value), "{words}");
     }
@@ -174,7 +174,7 @@ fn a_killed_autopilot_ends_the_run_and_the_doctor_restores() {
     assert!(fs::metadata(log).unwrap().len() > 0);
     let again = restore(&link, &journal);
     let words = String::from_utf8(again.stdout).unwrap();
-    assert!(words.contains("nothing is to be put back"), "{words}");
+    assert!(words.contains("no parameters to restore"), "{words}");
 }
 
 /// Carries bytes from one to the other until `cut`; then both sockets stay open and nothing comes.
@@ -230,7 +230,7 @@ fn a_tcp_link_that_falls_silent_ends_the_run_and_ctrl_c_does_not_wait() {
     });
 }
 
-/// The first ctrl-C lands and says so; a second leaves at once, with parameters put back.
+/// The first ctrl-C lands and says so; a second leaves at once, with parameters restored.
 #[test]
 fn ctrl_c_says_what_it_waits_for_and_a_second_one_leaves() {
     let fly = |presses: u32| {
@@ -249,7 +249,7 @@ fn ctrl_c_says_what_it_waits_for_and_a_second_one_leaves() {
         assert_eq!(code, if presses == 2 { 130 } else { 1 }, "{said}");
         assert_eq!(said.contains("  landed"), presses == 1, "{said}");
         for name in ["WPNAV_SPEED", "WPNAV_ACCEL", "ANGLE_MAX", "PSC_JERK_XY"] {
-            assert!(said.contains(&format!("{name} put back")), "{said}");
+            assert!(said.contains(&format!("{name} restored")), "{said}");
         }
         assert!(!journal(&folder).exists());
     };

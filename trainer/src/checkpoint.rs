@@ -152,7 +152,7 @@ fn read_checked(path: &Path) -> anyhow::Result<Vec<u8>> {
     let got = CHECKSUM.checksum(&bytes[10..]);
     ensure!(
         got == expected,
-        "{name}: checksum is {got:#010x}, but the file says {expected:#010x}: it is damaged"
+        "{name}: checksum is {got:#010x}, but the file says {expected:#010x}: the file is damaged"
     );
     Ok(bytes)
 }

@@ -33,7 +33,7 @@ impl References {
     /// # Errors
     /// Fails if the mission cannot be bounded.
     pub fn of(mission: &HostMission) -> anyhow::Result<Self> {
-        let bound = bound::certify(mission, &bound::Settings::default(), |_| ())?;
+        let bound = bound::certify(mission, &bound::BoundSettings::default(), |_| ())?;
         Ok(Self {
             straight_line: fly(mission, StraightLine::new(mission), Allocation::Exact)?.sum_rate,
             search: bound.lower,

@@ -107,7 +107,7 @@ fn a_damaged_checkpoint_or_another_scenario_is_refused() {
         assert!(errors.contains(expected), "{errors}");
         assert_eq!(errors.lines().count(), 1, "{errors}");
     };
-    refused(&["--episodes", "4"], "--resume goes on");
+    refused(&["--episodes", "4"], "--resume continues it");
     for (option, value) in [("--scenario", "mixed"), ("--algorithm", "ddpg")] {
         let mut command = train(&directory, &["--resume", option, value]);
         let output = command.output().expect("runs");
@@ -120,7 +120,7 @@ fn a_damaged_checkpoint_or_another_scenario_is_refused() {
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     fs::write(&path, bytes).expect("writable");
-    refused(&["--resume"], "it is damaged");
+    refused(&["--resume"], "the file is damaged");
 }
 
 /// A resumed run keeps its scenario, algorithm and settings. Only `--episodes` may differ, and is saved.

@@ -30,12 +30,12 @@ const GROWTH_BETWEEN_COMPILERS: f64 = 0.1;
 const BEGIN: &str = "<!-- cargo xtask firmware bench: begin -->";
 const END: &str = "<!-- cargo xtask firmware bench: end -->";
 
-/// What to measure.
+/// The options of `cargo xtask firmware bench`.
 #[derive(Debug, Args)]
 pub(crate) struct BenchArguments {
     #[command(flatten)]
     build: BuildArguments,
-    /// Take these figures as the new baseline
+    /// Store the measured figures as the new baseline
     #[arg(long)]
     accept: bool,
 }
@@ -108,7 +108,9 @@ fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
     let mut lines = BTreeMap::new();
     for line in said.lines() {
         let line: Value = serde_json::from_str(line).with_context(|| line.to_owned())?;
-        let name = line["part"].as_str().context("a line without its part")?;
+        let name = line["part"]
+            .as_str()
+            .context("the bench printed a line without a part")?;
         lines.insert(name.to_owned(), line);
     }
     PARTS
@@ -116,7 +118,7 @@ fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
         .map(|(part, name, aim)| {
             let line = lines
                 .get(part)
-                .with_context(|| format!("nothing about {part}"))?;
+                .with_context(|| format!("the bench printed no line for {part}"))?;
             let number = |key: &str| {
                 line[key]
                     .as_u64()
@@ -246,13 +248,14 @@ fn compare(path: &Path, figures: &[Figure], compiler: &str) -> Result<()> {
     let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let baseline: Value =
         serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-    let said = judge(&baseline, figures, compiler).with_context(|| path.display().to_string())?;
+    let said =
+        check_growth(&baseline, figures, compiler).with_context(|| path.display().to_string())?;
     println!("{said}");
     Ok(())
 }
 
 /// Returns the message to print if nothing has grown too much.
-fn judge(baseline: &Value, figures: &[Figure], compiler: &str) -> Result<String> {
+fn check_growth(baseline: &Value, figures: &[Figure], compiler: &str) -> Result<String> {
     let than = baseline["compiler"].as_str().unwrap_or_default();
     let (growth, between) = if than == compiler {
         (GROWTH, String::new())
@@ -263,8 +266,12 @@ fn judge(baseline: &Value, figures: &[Figure], compiler: &str) -> Result<String>
     let mut grown = Vec::new();
     for figure in figures {
         let known = baseline["figures"][figure.name].as_f64();
-        let known = known
-            .with_context(|| format!("nothing about {:?}; --accept writes it anew", figure.name))?;
+        let known = known.with_context(|| {
+            format!(
+                "no figure {:?}; --accept writes a new baseline",
+                figure.name
+            )
+        })?;
         let more = figure.value as f64 / known - 1.0;
         if more > growth {
             grown.push(format!(
@@ -280,7 +287,8 @@ fn judge(baseline: &Value, figures: &[Figure], compiler: &str) -> Result<String>
     let percent = 100.0 * growth;
     ensure!(
         grown.is_empty(),
-        "grown by more than {percent} % over the baseline{between} (if that is meant: --accept):\n{}",
+        "figures have grown by more than {percent} % over the baseline{between} (--accept stores them as \
+         the new baseline):\n{}",
         grown.join("\n")
     );
     Ok(format!(
@@ -301,7 +309,7 @@ mod tests {
             aim: None,
         };
         let baseline = json!({ "compiler": "rustc 1", "figures": { "plan": 1000 } });
-        judge(&baseline, &[figure], compiler)
+        check_growth(&baseline, &[figure], compiler)
     }
 
     /// Another compiler changes the figures by some per cent, but must not disable the check.
@@ -329,6 +337,6 @@ mod tests {
             mean: None,
             aim: None,
         };
-        assert!(judge(&baseline, &[figure], "rustc 1").is_err());
+        assert!(check_growth(&baseline, &[figure], "rustc 1").is_err());
     }
 }

@@ -14,13 +14,13 @@ use crate::{
     tools::{Compiler, TARGET},
 };
 
-/// What goes into the image.
+/// The options of the build.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct BuildArguments {
-    /// The policy: .onnx, or .policy as `trainer convert` writes it
+    /// The policy: an .onnx file, or a .policy file from `trainer convert`
     #[arg(long, default_value = "models/separated-sac.onnx", value_name = "FILE")]
     pub(crate) policy: PathBuf,
-    /// A host-sim that is built already; otherwise it is built as by `cargo run --release`
+    /// Path of a host-sim program [default: it is built as by `cargo build --release`]
     #[arg(long, value_name = "FILE")]
     pub(crate) host_sim: Option<PathBuf>,
 }
@@ -112,7 +112,7 @@ pub(crate) fn complete(command: &mut Command) -> Result<()> {
     let program = command.get_program().display().to_string();
     let status = command
         .status()
-        .with_context(|| format!("{program} does not run"))?;
+        .with_context(|| format!("{program} could not be started"))?;
     ensure!(status.success(), "{command:?}: {status}");
     Ok(())
 }

@@ -32,18 +32,18 @@ const IN_ORDER: &str = "resynchronised at the first clean frame";
 
 type Tally = BTreeMap<String, u64>;
 
-/// How much is tried.
+/// The options of `cargo xtask firmware faults`.
 #[derive(Debug, Args)]
 pub(crate) struct FaultsArguments {
     #[command(flatten)]
     build: BuildArguments,
-    /// Fault schedules
+    /// Number of fault schedules
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
     schedules: u64,
-    /// The mission: as `host-sim run --scenario` takes it
+    /// The scenario: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated")]
     scenario: String,
-    /// Of the first mission; each has the next
+    /// Seed of the first mission; the following missions have the following seeds
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -89,12 +89,12 @@ pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
     let of = |what: &str| total.get(what).copied().unwrap_or(0);
     ensure!(
         of("schedules") == arguments.schedules && of(IN_ORDER) == arguments.schedules,
-        "{} schedules asked for",
+        "not every one of the {} schedules was completed and recovered from",
         arguments.schedules
     );
     println!(
-        "{} schedules in {missions} missions, {:.0} s: the image and its twin said the same, \
-         nothing was lost or miscounted",
+        "{} schedules in {missions} missions, {:.0} s: image and host process agree in every slot, \
+         and all faults were counted correctly",
         arguments.schedules,
         begun.elapsed().as_secs_f64()
     );
@@ -125,8 +125,8 @@ fn fly(
         .arg("--policy")
         .arg(&images.policy)
         .output()
-        .context("host-sim does not run")?;
+        .context("host-sim could not be started")?;
     let said = String::from_utf8_lossy(&output.stderr);
     ensure!(output.status.success(), "seed {seed}: {}", said.trim());
-    serde_json::from_slice(&output.stdout).context("what host-sim counted")
+    serde_json::from_slice(&output.stdout).context("output of host-sim faults")
 }

@@ -16,10 +16,10 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::Value;
 
-/// Which flights are added.
+/// The options of `cargo xtask flights`.
 #[derive(Debug, Args)]
 pub(crate) struct FlightsArguments {
-    /// Fail if the page does not hold the table, and change nothing
+    /// Only check whether docs/sitl.md contains the current table, and fail if it does not
     #[arg(long)]
     check: bool,
 }
@@ -36,7 +36,7 @@ pub(crate) fn run(root: &Path, arguments: &FlightsArguments) -> Result<()> {
     let old = fs::read_to_string(&page).with_context(|| page.display().to_string())?;
     let new = replaced(&old, &table(&root.join("docs/flights"))?)?;
     if arguments.check && new != old {
-        bail!("docs/sitl.md does not hold the table of docs/flights: run cargo xtask flights");
+        bail!("docs/sitl.md does not contain the table of docs/flights: run `cargo xtask flights`");
     }
     if new != old {
         fs::write(&page, new).with_context(|| page.display().to_string())?;

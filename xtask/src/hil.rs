@@ -21,15 +21,15 @@ use crate::{
 /// The largest allowed difference of rates, bit/s/Hz.
 const RATE_TOLERANCE: f64 = 1e-4;
 
-/// What is flown.
+/// The options of `cargo xtask firmware hil`.
 #[derive(Debug, Args)]
 pub(crate) struct HilArguments {
     #[command(flatten)]
     build: BuildArguments,
-    /// The mission: as `host-sim run --scenario` takes it
+    /// The scenario: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated")]
     scenario: String,
-    /// More options of `host-sim run`, for both flights: -- --profile multirotor
+    /// Further options of `host-sim run` for both flights, for example -- --profile multirotor
     #[arg(last = true)]
     more: Vec<String>,
 }
@@ -145,7 +145,7 @@ fn slots(path: &Path) -> Result<Vec<Slot>> {
     let mut lines = text.lines();
     let names: Vec<&str> = lines
         .next()
-        .context("an empty slots.csv")?
+        .context("slots.csv is empty")?
         .split(',')
         .collect();
     let column = |name: &str| {
@@ -164,7 +164,12 @@ fn slots(path: &Path) -> Result<Vec<Slot>> {
     lines
         .map(|line| {
             let cells: Vec<&str> = line.split(',').collect();
-            let cell = |at: usize| cells.get(at).copied().context("a short row");
+            let cell = |at: usize| {
+                cells
+                    .get(at)
+                    .copied()
+                    .context("slots.csv has a row with too few columns")
+            };
             Ok(Slot {
                 user: cell(user)?.to_owned(),
                 planned: [cell(x)?.to_owned(), cell(y)?.to_owned()],
@@ -177,7 +182,7 @@ fn slots(path: &Path) -> Result<Vec<Slot>> {
 fn compare(image: &Flight, own: &Flight) -> Result<()> {
     ensure!(
         image.slots.len() == own.slots.len(),
-        "the image flew {} slots, this process {}",
+        "the image flew {} slots, the host process {}",
         image.slots.len(),
         own.slots.len()
     );
@@ -187,7 +192,8 @@ fn compare(image: &Flight, own: &Flight) -> Result<()> {
         let same = image.planned == own.planned && image.user == own.user;
         ensure!(
             same,
-            "slot {slot}: the image flies to {:?} and serves {}, this process {:?} and {}",
+            "slot {slot}: the image flies to {:?} and serves {}, the host process flies to {:?} and \
+             serves {}",
             image.planned,
             image.user,
             own.planned,
@@ -197,10 +203,10 @@ fn compare(image: &Flight, own: &Flight) -> Result<()> {
     }
     ensure!(
         furthest <= RATE_TOLERANCE,
-        "rates are up to {furthest} apart, more than {RATE_TOLERANCE}"
+        "rates differ by up to {furthest} bit/s/Hz, more than {RATE_TOLERANCE}"
     );
     println!(
-        "{} slots: way-points and users equal, rates within {furthest:.1e} bit/s/Hz",
+        "{} slots: waypoints and users are equal, rates agree within {furthest:.1e} bit/s/Hz",
         image.slots.len()
     );
     Ok(())
@@ -213,7 +219,7 @@ fn refuses_damage(root: &Path, images: &Images) -> Result<()> {
     let at = image
         .windows(policy.len())
         .position(|window| window == policy)
-        .context("the image does not hold its policy")?;
+        .context("the image does not contain its policy")?;
     image[at + policy.len() / 2] ^= 4;
     let damaged = build::folder(root).join("damaged");
     fs::write(&damaged, image)?;
@@ -221,7 +227,7 @@ fn refuses_damage(root: &Path, images: &Images) -> Result<()> {
     let said = String::from_utf8_lossy(&output.stdout).trim().to_owned();
     if output.status.code() != Some(1) || !said.contains("checksum") {
         bail!(
-            "an image with a damaged policy ended with {} and said {said:?}",
+            "an image with a damaged policy ended with {} and printed {said:?}",
             output.status
         );
     }

@@ -32,7 +32,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// The microcontroller image
+    /// Build, measure and test the microcontroller image
     #[command(subcommand)]
     Firmware(Firmware),
     /// Write the table of flights on real autopilots into docs/sitl.md, from docs/flights
@@ -43,14 +43,15 @@ enum Command {
 enum Firmware {
     /// Build the image around a trained policy
     Build(build::BuildArguments),
-    /// Measure the image in instructions and bytes, write docs/target.md's table, and fail where
-    /// a figure has grown by more than 3 % over firmware/baseline.json
+    /// Measure the instructions and bytes of the image, write the table in docs/target.md, and fail
+    /// if a figure has grown by more than 3 % over firmware/baseline.json
     Bench(bench::BenchArguments),
-    /// Fly a mission whose controller is the image in QEMU, and the same in this machine's
-    /// process; fail where they differ
+    /// Fly a mission with the image in QEMU as controller, fly it again with the same controller in
+    /// a host process, and fail if the flights differ
     Hil(hil::HilArguments),
-    /// Damage the ground link of the image in QEMU by random schedules; fail where it differs from
-    /// the same in this machine's process, miscounts, or is not in order again after them
+    /// Inject faults into the ground link of the image in QEMU by random schedules; fail if the image
+    /// differs from the same controller in a host process, counts faults wrongly, or does not
+    /// recover after them
     Faults(faults::FaultsArguments),
 }
 
@@ -80,9 +81,10 @@ fn firmware(root: &Path, command: Firmware) -> Result<()> {
 
 /// Returns the workspace's root directory.
 fn root() -> Result<PathBuf> {
-    let own = env::var_os("CARGO_MANIFEST_DIR").context("run me as `cargo xtask`")?;
+    let own = env::var_os("CARGO_MANIFEST_DIR")
+        .context("CARGO_MANIFEST_DIR is not set: run this program as `cargo xtask`")?;
     let root = Path::new(&own)
         .parent()
-        .context("xtask lies in the workspace")?;
+        .context("CARGO_MANIFEST_DIR has no parent directory")?;
     Ok(root.to_owned())
 }

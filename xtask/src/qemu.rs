@@ -44,12 +44,16 @@ pub(crate) fn run_to_end(root: &Path, image: &Path) -> Result<Output> {
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .context("QEMU does not run")?;
+        .context("QEMU could not be started")?;
     let begun = Instant::now();
     while child.try_wait()?.is_none() {
         if begun.elapsed() > PATIENCE {
             child.kill()?;
-            bail!("{}: no end after {} s", image.display(), PATIENCE.as_secs());
+            bail!(
+                "{}: did not end within {} s",
+                image.display(),
+                PATIENCE.as_secs()
+            );
         }
         thread::sleep(Duration::from_millis(20));
     }
@@ -76,7 +80,7 @@ impl Board {
         if counting {
             qemu.args(COUNTING);
         }
-        let child = qemu.spawn().context("QEMU does not run")?;
+        let child = qemu.spawn().context("QEMU could not be started")?;
         Ok(Self { child, port })
     }
 }
@@ -102,5 +106,5 @@ fn free_ports() -> Result<u16> {
             return Ok(port);
         }
     }
-    bail!("no three free TCP ports in a row")
+    bail!("no three consecutive TCP ports are free")
 }

@@ -129,7 +129,7 @@ fn ask_rustc(root: &Path, arguments: &[&str]) -> Result<String> {
 fn ask(command: &mut Command) -> Result<String> {
     let output = command
         .output()
-        .with_context(|| format!("{} does not run", command.get_program().display()))?;
+        .with_context(|| format!("{} could not be started", command.get_program().display()))?;
     if !output.status.success() {
         bail!("{}", String::from_utf8_lossy(&output.stderr).trim());
     }

@@ -22,7 +22,7 @@ use std::sync::Arc;
 use firmware_core::{
     Displacement, Mission, Position, SENSORS_MAX, Scalar, USERS_MAX,
     inner::{Method, SlotAllocation, SlotLimits, Status, Workspace},
-    policy::Observation,
+    policy::{Observation, state_len},
     shield::{self, Fairness, Intervention, ReachableSet},
 };
 
@@ -168,7 +168,7 @@ impl<T: Scalar> Environment<T> {
         let users = self.mission.user_count();
         Dimensions {
             users,
-            observation: Observation::<T>::state_len(users),
+            observation: state_len(users),
         }
     }
 
@@ -195,7 +195,7 @@ impl<T: Scalar> Environment<T> {
     /// Writes the normalized observation into `state`, which must hold `M + 4` numbers. Before the
     /// first slot, rate and MSE are 0.
     pub fn observe(&self, state: &mut [f32]) {
-        let mut raw = [T::zero(); USERS_MAX + 4];
+        let mut raw = [T::zero(); state_len(USERS_MAX)];
         let len = Observation {
             slot: self.state.slots_done + 1,
             counts: self.state.fairness.counts(),

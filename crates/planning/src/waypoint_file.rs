@@ -119,7 +119,7 @@ fn read_ground_control(content: &[u8], scenario: &Scenario) -> Result<Vec<Positi
     let plan: Value = serde_json::from_slice(content).map_err(|error| error.to_string())?;
     let items = plan["mission"]["items"]
         .as_array()
-        .ok_or("has no mission.items: it is no mission of QGroundControl")?;
+        .ok_or("has no mission.items; it is not a QGroundControl mission")?;
     let map = MapFrame::<f64>::new(scenario.map_origin());
     let waypoints = items
         .iter()

@@ -27,7 +27,7 @@ use program::{Program, is_infeasible, is_solution};
 
 /// The status of a solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Outcome {
+pub enum ConicStatus {
     /// The optimum to the solver's accuracy ([`bisect`]), or the point where the iteration
     /// converged ([`alternate`]).
     Solved,
@@ -41,9 +41,9 @@ pub enum Outcome {
 
 /// A solution whose constraints were verified.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Report {
+pub struct ConicSolution {
     /// The status of the solution.
-    pub outcome: Outcome,
+    pub status: ConicStatus,
     /// The rate `R`, bit/s/Hz.
     pub rate: f64,
     /// The user's power `p`, watts.
@@ -109,7 +109,7 @@ pub fn bisect(
     limits: &SlotLimits<f64>,
     gains: &[PowerGain<f64>],
     user: Option<PowerGain<f64>>,
-) -> Report {
+) -> ConicSolution {
     let slot = Slot::new(limits, gains, user);
     let mut solves = 0;
     let peak = match slot.peak(&mut solves) {
@@ -117,7 +117,7 @@ pub fn bisect(
         Err(report) => return report,
     };
     if slot.budget <= 0.0 {
-        return slot.report(Outcome::Solved, &peak, &peak, solves);
+        return slot.solution(ConicStatus::Solved, &peak, &peak, solves);
     }
     let scale = slot.scale();
     let mut best = slot.with_signal(peak.amplitude.clone());
@@ -146,12 +146,12 @@ pub fn bisect(
             }
         }
     }
-    let outcome = match failure {
-        Some(status) => Outcome::SolverFailed(status),
-        None if high - low <= SINR_TOLERANCE * high => Outcome::Solved,
-        None => Outcome::IterationLimit,
+    let status = match failure {
+        Some(status) => ConicStatus::SolverFailed(status),
+        None if high - low <= SINR_TOLERANCE * high => ConicStatus::Solved,
+        None => ConicStatus::IterationLimit,
     };
-    slot.report(outcome, &best, &peak, solves)
+    slot.solution(status, &best, &peak, solves)
 }
 
 /// Solves Alg. 1 with eq:p_pbp solved by Clarabel. `settings` are those of
@@ -161,7 +161,7 @@ pub fn alternate(
     gains: &[PowerGain<f64>],
     user: Option<PowerGain<f64>>,
     settings: &AlternatingSettings<f64>,
-) -> Report {
+) -> ConicSolution {
     let slot = Slot::new(limits, gains, user);
     let mut solves = 0;
     let peak = match slot.peak(&mut solves) {
@@ -169,11 +169,11 @@ pub fn alternate(
         Err(report) => return report,
     };
     if slot.budget <= 0.0 {
-        return slot.report(Outcome::Solved, &peak, &peak, solves);
+        return slot.solution(ConicStatus::Solved, &peak, &peak, solves);
     }
     let tolerance = settings.tolerance;
     let mut here = peak.clone();
-    let mut outcome = Outcome::IterationLimit;
+    let mut status = ConicStatus::IterationLimit;
     for _ in 0..settings.outer_max {
         let eta = here.eta();
         let (mut best, mut point) = (here.clone(), here.clone());
@@ -210,18 +210,18 @@ pub fn alternate(
         let change = (best.eta() - eta) / best.eta();
         let moved = distance(eta, &here, best.eta(), &best).hypot(change);
         here = best;
-        if let Some(status) = failed {
-            outcome = Outcome::SolverFailed(status);
+        if let Some(failure) = failed {
+            status = ConicStatus::SolverFailed(failure);
             break;
         }
         if moved <= tolerance {
             if at_rest {
-                outcome = Outcome::Solved;
+                status = ConicStatus::Solved;
             }
             break;
         }
     }
-    slot.report(outcome, &here, &peak, solves)
+    slot.solution(status, &here, &peak, solves)
 }
 
 /// Returns the distance between two points in the variables of the stopping rule, `x_j = eta y_j`
@@ -303,27 +303,27 @@ impl<'a> Slot<'a> {
     }
 
     /// Returns the amplitudes of least MSE, or the report of a slot that is infeasible.
-    fn peak(&self, solves: &mut u32) -> Result<Point, Report> {
+    fn peak(&self, solves: &mut u32) -> Result<Point, ConicSolution> {
         let nothing = self.silent(vec![0.0; self.gains.len()]);
         if self.amplitude.iter().all(|&a| a <= 0.0) {
-            return Err(self.report(Outcome::Infeasible, &nothing, &nothing, *solves));
+            return Err(self.solution(ConicStatus::Infeasible, &nothing, &nothing, *solves));
         }
         *solves += 1;
         let (status, amplitude) = self.least_energy(self.scale(), None);
         let Some(amplitude) = amplitude else {
-            let outcome = Outcome::SolverFailed(status);
-            return Err(self.report(outcome, &nothing, &nothing, *solves));
+            let status = ConicStatus::SolverFailed(status);
+            return Err(self.solution(status, &nothing, &nothing, *solves));
         };
         let peak = self.silent(amplitude);
         if peak.efficiency() >= self.kappa {
             return Ok(peak);
         }
-        let outcome = if is_solution(status) {
-            Outcome::Infeasible
+        let status = if is_solution(status) {
+            ConicStatus::Infeasible
         } else {
-            Outcome::SolverFailed(status)
+            ConicStatus::SolverFailed(status)
         };
-        Err(self.report(outcome, &peak, &peak, *solves))
+        Err(self.solution(status, &peak, &peak, *solves))
     }
 
     /// Returns the amplitudes of highest `A^2 / E`, with `E <= energy_max` if that is given.
@@ -429,7 +429,13 @@ impl<'a> Slot<'a> {
 
     /// Returns the verified solution in watts. The user is silent unless the MSE of exactly these
     /// coefficients allows it to send.
-    fn report(&self, outcome: Outcome, point: &Point, peak: &Point, solves: u32) -> Report {
+    fn solution(
+        &self,
+        status: ConicStatus,
+        point: &Point,
+        peak: &Point,
+        solves: u32,
+    ) -> ConicSolution {
         let sensors = self.gains.len() as f64;
         let noise = self.limits.noise_power.0.sqrt();
         let b_max = self.limits.coefficient_max();
@@ -443,20 +449,20 @@ impl<'a> Slot<'a> {
         };
         let kept = point.efficiency() / self.kappa >= (1.0 + point.sinr()) * (1.0 - 1e-12);
         // A "solved" point that does not satisfy the threshold is not a solution.
-        let outcome = if kept || outcome == Outcome::Infeasible {
-            outcome
+        let status = if kept || status == ConicStatus::Infeasible {
+            status
         } else {
-            Outcome::SolverFailed(SolverStatus::NumericalError)
+            ConicStatus::SolverFailed(SolverStatus::NumericalError)
         };
-        let feasible = kept && outcome != Outcome::Infeasible;
+        let feasible = kept && status != ConicStatus::Infeasible;
         let signal = if feasible { point.signal } else { 0.0 };
         let power = if self.user_gain > 0.0 {
             signal * self.limits.noise_power.0 / self.user_gain
         } else {
             0.0
         };
-        Report {
-            outcome,
+        ConicSolution {
+            status,
             rate: (signal / point.energy).ln_1p() / core::f64::consts::LN_2,
             user_power_w: power.min(self.limits.user_power_max.0),
             sensor_coefficients: point

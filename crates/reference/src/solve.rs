@@ -140,7 +140,7 @@ pub fn run(
 ) -> anyhow::Result<Tally> {
     anyhow::ensure!(
         method.supports(precision),
-        "{method:?} has no arithmetic of precision {precision:?}"
+        "{method:?} does not support precision {precision:?}"
     );
     let mut tally = Tally::default();
     let mut line = Vec::new();
@@ -229,7 +229,7 @@ impl Problem {
             if value.is_finite() && !number.finite() {
                 let limit = T::max_value().map_or(f64::MAX, Scalar::to_f64);
                 return Err(LineError::Input(format!(
-                    "{field} is {value:e}, but this precision ends at {limit:e}"
+                    "{field} is {value:e}, but the largest number of this precision is {limit:e}"
                 )));
             }
             Ok(number)
@@ -287,7 +287,7 @@ impl Problem {
         };
         let gains: Vec<_> = self.sensor_gain.iter().copied().map(PowerGain).collect();
         let user = self.user_gain.map(PowerGain);
-        let (report, rested) = if method == Method::Conic {
+        let (solution, rested) = if method == Method::Conic {
             (conic::bisect(&limits, &gains, user), Finding::Optimal)
         } else {
             let settings = AlternatingSettings::default();
@@ -296,20 +296,20 @@ impl Problem {
                 Finding::Converged,
             )
         };
-        let status = match report.outcome {
-            conic::Outcome::Solved => rested,
-            conic::Outcome::IterationLimit => Finding::IterationLimit,
-            conic::Outcome::Infeasible => Finding::Infeasible,
-            conic::Outcome::SolverFailed(_) => Finding::SolverFailed,
+        let status = match solution.status {
+            conic::ConicStatus::Solved => rested,
+            conic::ConicStatus::IterationLimit => Finding::IterationLimit,
+            conic::ConicStatus::Infeasible => Finding::Infeasible,
+            conic::ConicStatus::SolverFailed(_) => Finding::SolverFailed,
         };
         let mse = aircomp::Slot {
             sensor_gains: &gains,
-            sensor_coefficients: &report.sensor_coefficients,
+            sensor_coefficients: &solution.sensor_coefficients,
             user_gain: user.unwrap_or_default(),
-            user_power: Watt(report.user_power_w),
+            user_power: Watt(solution.user_power_w),
             noise_power: limits.noise_power,
         }
-        .mse(report.normalizing_factor);
+        .mse(solution.normalizing_factor);
         let feasible = match status {
             Finding::Infeasible => false,
             Finding::SolverFailed => mse <= limits.mse_threshold,
@@ -317,13 +317,13 @@ impl Problem {
         };
         Ok(Answer {
             feasible,
-            rate: report.rate,
+            rate: solution.rate,
             mse,
-            limited_by: report.limited_by,
-            user_power: report.user_power_w,
-            sensor_coefficients: report.sensor_coefficients,
-            eta: report.normalizing_factor,
-            least_mse: report.least_mse,
+            limited_by: solution.limited_by,
+            user_power: solution.user_power_w,
+            sensor_coefficients: solution.sensor_coefficients,
+            eta: solution.normalizing_factor,
+            least_mse: solution.least_mse,
             status,
         })
     }

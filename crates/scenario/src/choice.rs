@@ -78,7 +78,7 @@ impl Scenario {
             Some(shipped) => Ok(shipped),
             None => Self::load(name).map_err(|error| match name.exists() {
                 true => error.to_string(),
-                false => format!("{error}; shipped are separated, mixed and slow"),
+                false => format!("{error}; the shipped scenarios are separated, mixed and slow"),
             }),
         }
     }

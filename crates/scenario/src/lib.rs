@@ -156,7 +156,7 @@ impl Scenario {
         let (trained_for, digest) = (provenance.scenario_digest.as_str(), self.digest());
         (trained_for != digest).then(|| {
             let trained_for = match trained_for {
-                "" => "it names none".to_owned(),
+                "" => "it names no mission".to_owned(),
                 named => format!("digest {named:.12}"),
             };
             format!(

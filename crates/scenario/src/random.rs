@@ -63,7 +63,9 @@ pub fn random(seed: u64, layout: Option<Layout>) -> Result<Scenario, String> {
             return Ok(scenario);
         }
     }
-    Err(format!("--seed {seed}: no mission in {DRAWS_MAX} draws"))
+    Err(format!(
+        "--seed {seed}: no valid mission was found in {DRAWS_MAX} draws"
+    ))
 }
 
 fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {

@@ -157,7 +157,7 @@ impl Body {
             acceleration: Vector2::zeros(),
             altitude_m: 0.0,
             climb_mps: 0.0,
-            ideal: profile == Profile::Ideal,
+            ideal: profile.is_ideal(),
             tracking: Tracking::of(profile),
         }
     }

@@ -137,7 +137,7 @@ impl Vehicle {
     /// Returns whether setpoints start a take-off. They do with PX4; other autopilots ignore them
     /// on the ground.
     fn rises_by_setpoint(&self) -> bool {
-        self.firmware == Firmware::Px4
+        !self.firmware.takes_off_by_command()
             && self.mode == FlightMode::Guided
             && self.setpoint.is_some_and(|s| s.target.altitude_m > 0.1)
     }
@@ -148,7 +148,7 @@ impl Vehicle {
         if age > self.setpoint_timeout() && target.velocity.is_some() {
             // The stream stopped while the vehicle was moving: it stops there or, with PX4, at the
             // last target.
-            if self.firmware != Firmware::Px4 {
+            if !self.behavior().flies_to_last_setpoint {
                 return Demand::Hold {
                     altitude_m: target.altitude_m,
                 };

@@ -67,7 +67,9 @@ impl Vehicle {
             MavMessage::PARAM_SET(set) => {
                 let name = set.param_id.to_str().unwrap_or_default().to_owned();
                 let value = match set.param_type {
-                    MavParamType::MAV_PARAM_TYPE_INT32 if self.firmware == Firmware::Px4 => {
+                    MavParamType::MAV_PARAM_TYPE_INT32
+                        if self.behavior().sends_integers_as_bytes =>
+                    {
                         set.param_value.to_bits() as i32 as f32
                     }
                     _ => set.param_value,
@@ -98,7 +100,7 @@ impl Vehicle {
         let (param_value, param_type) = match value {
             Value::Real(value) => (value, MavParamType::MAV_PARAM_TYPE_REAL32),
             // PX4 sends the bytes of an integer, ArduPilot its value.
-            Value::Integer(value) if self.firmware == Firmware::Px4 => (
+            Value::Integer(value) if self.behavior().sends_integers_as_bytes => (
                 f32::from_bits(value as u32),
                 MavParamType::MAV_PARAM_TYPE_INT32,
             ),
@@ -179,12 +181,13 @@ impl Vehicle {
     fn change_mode(&mut self, now: Instant, command: &COMMAND_LONG_DATA) -> MavResult {
         let wanted = match self.firmware {
             Firmware::Px4 => Mode((command.param2 as u32) << 16 | (command.param3 as u32) << 24),
-            _ => Mode(command.param2 as u32),
+            Firmware::Generic | Firmware::ArduCopter => Mode(command.param2 as u32),
         };
         let Some(mode) = self.mode_numbered(wanted) else {
             return MavResult::MAV_RESULT_DENIED;
         };
-        if mode == FlightMode::Guided && self.firmware == Firmware::Px4 && !self.stream_flows(now) {
+        let needs_stream = self.firmware.stream_before_control() > Duration::ZERO;
+        if mode == FlightMode::Guided && needs_stream && !self.stream_flows(now) {
             let text = "Offboard: no setpoint stream";
             self.say(MavSeverity::MAV_SEVERITY_CRITICAL, text);
             return MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
@@ -224,7 +227,7 @@ impl Vehicle {
     fn take_local(&mut self, now: Instant, s: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         let numbers = [s.x, s.y, s.z, s.vx, s.vy, s.vz];
         if !numbers.iter().all(|v| v.is_finite()) {
-            let reached = self.firmware == Firmware::ArduCopter && self.mode == FlightMode::Guided;
+            let reached = self.behavior().crashes_on_nan && self.mode == FlightMode::Guided;
             self.crashed |= reached;
             return;
         }
@@ -295,7 +298,7 @@ impl Vehicle {
             acceleration: acceleration(s.type_mask, s.afx, s.afy),
             age_s: 0.0,
         };
-        if self.take_target(now, target) && self.firmware != Firmware::Px4 {
+        if self.take_target(now, target) && self.behavior().echoes_setpoints {
             let echo = POSITION_TARGET_GLOBAL_INT_DATA {
                 time_boot_ms: now.millis_wrapping(),
                 lat_int: s.lat_int,
@@ -313,7 +316,7 @@ impl Vehicle {
                 coordinate_frame: s.coordinate_frame,
             };
             self.send(&MavMessage::POSITION_TARGET_GLOBAL_INT(echo));
-            if self.firmware == Firmware::Generic {
+            if self.firmware.confirms_setpoints() {
                 self.send_message(now, LOCAL_POSITION_NED);
             }
         }
@@ -326,8 +329,9 @@ impl Vehicle {
             self.stream_since = Some(now);
         }
         let guided = self.mode == FlightMode::Guided && self.armed;
-        let flies = guided && (!self.body.is_on_ground() || self.firmware == Firmware::Px4);
-        if !(flies || self.firmware == Firmware::Px4) {
+        let on_ground_too = !self.firmware.takes_off_by_command();
+        let flies = guided && (!self.body.is_on_ground() || on_ground_too);
+        if !(flies || on_ground_too) {
             return false;
         }
         self.previous = self.setpoint;
@@ -345,12 +349,13 @@ impl Vehicle {
 
     /// Returns the number that represents a mode in messages.
     pub(super) fn custom_mode(&self, mode: FlightMode) -> u32 {
-        let px4 = self.firmware == Firmware::Px4;
+        let (manual, loiter) = match self.firmware {
+            Firmware::Generic | Firmware::ArduCopter => (0, 5),
+            Firmware::Px4 => (3 << 16, 4 << 16 | 3 << 24),
+        };
         match mode {
-            FlightMode::Manual if px4 => 3 << 16,
-            FlightMode::Manual => 0,
-            FlightMode::Loiter if px4 => 4 << 16 | 3 << 24,
-            FlightMode::Loiter => 5,
+            FlightMode::Manual => manual,
+            FlightMode::Loiter => loiter,
             FlightMode::Guided => self.firmware.control_mode().0,
             FlightMode::Auto => self.firmware.mission_mode().0,
             FlightMode::Return => self.firmware.return_mode().0,

@@ -12,6 +12,7 @@
 #![deny(missing_docs)]
 
 mod ability;
+mod behavior;
 mod body;
 mod conduct;
 mod endpoint;

@@ -43,14 +43,14 @@ impl Vehicle {
     ) -> bool {
         match message {
             MavMessage::MISSION_COUNT(offer) => {
-                let early = self.firmware == Firmware::ArduCopter && now < NO_SPACE_UNTIL;
+                let early = self.behavior().boots_without_mission_space && now < NO_SPACE_UNTIL;
                 if early || offer.count > CAPACITY {
                     self.answer_mission(from, MavMissionResult::MAV_MISSION_NO_SPACE);
                     return true;
                 }
                 // ArduCopter overwrites the old mission as items are received; PX4 replaces it at
                 // the end.
-                if self.firmware != Firmware::Px4 {
+                if self.behavior().overwrites_mission_items {
                     self.missions.items.clear();
                 }
                 self.missions.incoming = Some(Incoming {
@@ -83,7 +83,7 @@ impl Vehicle {
             // PX4 sends the deprecated request for the first item. A client that does not support
             // it says so (as MAVSDK does), and PX4 then sends the new one.
             MavMessage::MISSION_ACK(ack)
-                if self.firmware == Firmware::Px4
+                if self.behavior().repeats_refused_requests
                     && ack.mavtype == MavMissionResult::MAV_MISSION_UNSUPPORTED =>
             {
                 let incoming = self.missions.incoming.as_mut();
@@ -150,6 +150,7 @@ impl Vehicle {
     }
 
     fn take_item(&mut self, now: Instant, from: Address, item: &MISSION_ITEM_INT_DATA) {
+        let behavior = self.behavior();
         let Some(incoming) = &mut self.missions.incoming else {
             return;
         };
@@ -168,14 +169,14 @@ impl Vehicle {
             MavCmd::MAV_CMD_DO_CHANGE_SPEED | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
         );
         let wrong_frame = placeless != (item.frame == MavFrame::MAV_FRAME_MISSION);
-        if wrong_frame && self.firmware == Firmware::Px4 {
+        if wrong_frame && behavior.requires_mission_frame {
             self.missions.incoming = None;
             self.answer_mission(from, MavMissionResult::MAV_MISSION_UNSUPPORTED);
             return;
         }
         incoming.items.push(item.clone());
         incoming.progress = now;
-        if self.firmware != Firmware::Px4 {
+        if behavior.overwrites_mission_items {
             self.missions.items.clone_from(&incoming.items);
         }
         if incoming.items.len() < usize::from(incoming.count) {
@@ -221,7 +222,7 @@ impl Vehicle {
     /// Returns whether a mission was stored so recently that PX4 does not start it.
     pub(super) fn mission_settles(&self, now: Instant) -> bool {
         let fresh = self.missions.stored_at.is_some_and(|at| now - at < SETTLE);
-        fresh && self.firmware == Firmware::Px4
+        fresh && self.behavior().settles_missions
     }
 
     /// Handles MISSION_START.
@@ -266,7 +267,7 @@ impl Vehicle {
             self.set_mode(FlightMode::Loiter);
             return;
         };
-        let is_home = self.missions.current == 0 && self.firmware != Firmware::Px4;
+        let is_home = self.missions.current == 0 && self.firmware.mission_begins_with_home();
         let high = (self.body.altitude_m - f64::from(item.z)).abs() < 0.5;
         let done = match item.command {
             _ if is_home => true,
@@ -296,8 +297,7 @@ impl Vehicle {
         }
         self.hold_altitude_m = self.body.altitude_m;
         // PX4 sends this more than once.
-        let times = if self.firmware == Firmware::Px4 { 2 } else { 1 };
-        for _ in 0..times {
+        for _ in 0..self.behavior().reached_messages {
             let seq = item.seq;
             self.send(&MavMessage::MISSION_ITEM_REACHED(
                 MISSION_ITEM_REACHED_DATA { seq },

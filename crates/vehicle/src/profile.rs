@@ -43,7 +43,9 @@ impl FromStr for Airframe {
         match name {
             "strong" => Ok(Self::Strong),
             "stock" => Ok(Self::Stock),
-            _ => Err(format!("no airframe {name:?}; there are strong, stock")),
+            _ => Err(format!(
+                "{name:?} is not an airframe; it must be strong or stock"
+            )),
         }
     }
 }
@@ -59,6 +61,22 @@ impl Profile {
             Self::Multirotor => "multirotor",
             Self::ArduCopter => "arducopter",
             Self::Px4 => "px4",
+        }
+    }
+
+    /// Returns whether the vehicle follows the paper's kinematics.
+    pub const fn is_ideal(self) -> bool {
+        match self {
+            Self::Ideal => true,
+            Self::Multirotor | Self::ArduCopter | Self::Px4 => false,
+        }
+    }
+
+    /// Returns whether the vehicle sends telemetry without being asked.
+    pub(super) const fn sends_telemetry_unrequested(self) -> bool {
+        match self {
+            Self::Ideal | Self::Multirotor | Self::Px4 => true,
+            Self::ArduCopter => false,
         }
     }
 
@@ -126,7 +144,7 @@ impl Profile {
                 drag_per_s: 0.877,
                 ..ability
             },
-            _ => ability,
+            (Self::Ideal | Self::Multirotor, Airframe::Stock) | (_, Airframe::Strong) => ability,
         }
     }
 
@@ -157,7 +175,7 @@ impl Profile {
     pub(super) fn refused_intervals(self) -> Vec<u32> {
         match self {
             Self::Px4 => vec![HEARTBEAT_DATA::ID],
-            _ => Vec::new(),
+            Self::Ideal | Self::Multirotor | Self::ArduCopter => Vec::new(),
         }
     }
 
@@ -187,7 +205,7 @@ impl Profile {
     pub fn client_limits(self) -> Limits<f64> {
         match self {
             Self::Ideal => Limits::ideal(),
-            _ => {
+            Self::Multirotor | Self::ArduCopter | Self::Px4 => {
                 let ability = self.ability();
                 Limits {
                     speed_mps: ability.speed_mps * 0.95,
@@ -224,7 +242,7 @@ impl FromStr for Profile {
             .find(|profile| profile.name() == name)
             .ok_or_else(|| {
                 let names = Self::ALL.map(Self::name).join(", ");
-                format!("no vehicle profile {name:?}; there are {names}")
+                format!("{name:?} is not a vehicle profile; it must be one of {names}")
             })
     }
 }

@@ -12,10 +12,10 @@ use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::MavMessage;
 use nalgebra::Vector2;
 
+use super::behavior::Behavior;
 use super::body::{Body, Target};
 use super::mission_store::Missions;
 use super::parameters::Parameters;
-use super::profile::Profile;
 use super::settings::{Faults, VehicleSettings};
 use super::streams::Streams;
 use super::timing::{StallingClock, Timing};
@@ -146,10 +146,14 @@ impl Vehicle {
         self.time
     }
 
+    pub(super) fn behavior(&self) -> Behavior {
+        Behavior::of(self.firmware)
+    }
+
     /// Returns whether the vehicle follows the paper's kinematics: it is always where its last
     /// setpoint says.
     pub fn is_ideal(&self) -> bool {
-        self.settings.profile == Profile::Ideal
+        self.settings.profile.is_ideal()
     }
 
     /// Returns the true position on the map, m.
@@ -234,7 +238,7 @@ impl Vehicle {
         let own = self.own_time(now).max(self.clock);
         // Real autopilots send from the loop that moves the body. The others send when they are
         // asked.
-        let regular = self.firmware != Firmware::Generic;
+        let regular = self.behavior().samples_in_its_loop;
         while self.time + STEP <= own {
             self.time += STEP;
             self.clock = self.time;

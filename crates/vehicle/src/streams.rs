@@ -39,7 +39,7 @@ impl Streams {
     pub(super) fn of(profile: Profile) -> Self {
         let second = Duration::from_secs(1);
         let mut wanted = vec![(HEARTBEAT, second)];
-        if profile != Profile::ArduCopter {
+        if profile.sends_telemetry_unrequested() {
             wanted.extend([
                 (SYS_STATUS, second),
                 (ESTIMATOR_STATUS, second),

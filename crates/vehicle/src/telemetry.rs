@@ -8,9 +8,9 @@ use firmware_core::{Displacement, Position};
 use mavlink::dialects::common::{
     ATTITUDE_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
     EstimatorStatusFlags, GLOBAL_POSITION_INT_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA,
-    LOCAL_POSITION_NED_DATA, MavAutopilot, MavLandedState, MavMessage, MavModeFlag, MavSeverity,
-    MavState, MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState,
-    STATUSTEXT_DATA, SYS_STATUS_DATA,
+    LOCAL_POSITION_NED_DATA, MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState,
+    MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState, STATUSTEXT_DATA,
+    SYS_STATUS_DATA,
 };
 
 use super::simulated::{FlightMode, Vehicle};
@@ -88,7 +88,7 @@ impl Vehicle {
                     time_usec: now.as_micros(),
                 }));
             }
-            ESTIMATOR_STATUS if self.firmware != Firmware::ArduCopter => {
+            ESTIMATOR_STATUS if self.firmware.estimator_message() == ESTIMATOR_STATUS => {
                 let flags = self.estimator_flags();
                 self.send(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
                     time_usec: now.as_micros(),
@@ -97,7 +97,7 @@ impl Vehicle {
                     ..ESTIMATOR_STATUS_DATA::DEFAULT
                 }));
             }
-            EKF_STATUS_REPORT if self.firmware == Firmware::ArduCopter => {
+            EKF_STATUS_REPORT if self.firmware.estimator_message() == EKF_STATUS_REPORT => {
                 let mut buffer = [0; MAX_FRAME];
                 let flags = self.estimator_flags();
                 let frame = self
@@ -117,7 +117,7 @@ impl Vehicle {
                     landed_state,
                 }));
             }
-            CURRENT_MODE if self.firmware != Firmware::Generic => {
+            CURRENT_MODE if self.behavior().reports_current_mode => {
                 let custom_mode = self.custom_mode(self.mode);
                 self.send(&MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
                     custom_mode,
@@ -138,15 +138,10 @@ impl Vehicle {
         if matches!(self.mode, FlightMode::Guided | FlightMode::Auto) {
             base_mode |= MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED;
         }
-        let autopilot = match self.firmware {
-            Firmware::Generic => MavAutopilot::MAV_AUTOPILOT_GENERIC,
-            Firmware::ArduCopter => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
-            Firmware::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
-        };
         self.send(&MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: self.custom_mode(self.mode),
             mavtype: MavType::MAV_TYPE_QUADROTOR,
-            autopilot,
+            autopilot: self.firmware.autopilot(),
             base_mode,
             system_status: if self.faults.battery_low {
                 MavState::MAV_STATE_CRITICAL
@@ -219,7 +214,7 @@ impl Vehicle {
             (Firmware::Px4, true) => ready | F::ESTIMATOR_POS_VERT_AGL,
             (Firmware::Px4, false) => waiting | F::ESTIMATOR_POS_VERT_AGL,
             (Firmware::ArduCopter, false) => waiting | F::ESTIMATOR_VELOCITY_HORIZ,
-            (_, true) => ready,
+            (Firmware::Generic | Firmware::ArduCopter, true) => ready,
             (Firmware::Generic, false) => waiting,
         }
     }
@@ -235,13 +230,13 @@ impl Vehicle {
     /// Returns whether a local position is reported. ArduPilot and PX4 report one only once the
     /// estimator has one.
     fn has_position(&self) -> bool {
-        self.is_ready() || self.firmware == Firmware::Generic
+        self.is_ready() || !self.behavior().samples_in_its_loop
     }
 
     /// Returns the reported position at that time, which must be near the present.
     fn reported_position(&self, at: Instant) -> Position<f64> {
         let offset: Displacement<f64> = self.faults.position_offset_m;
-        let moved = if self.firmware == Firmware::Generic {
+        let moved = if !self.behavior().samples_in_its_loop {
             Displacement::zeros() // measured when it is sent
         } else {
             self.body.velocity * ((at - self.time).as_secs_f64() - (self.time - at).as_secs_f64())

@@ -97,7 +97,7 @@ impl fmt::Display for Event {
                 reached_mps,
             } => write!(
                 f,
-                "the airframe reached {reached_mps:.1} m/s where {asked_mps:.1} m/s were asked for"
+                "the airframe reached {reached_mps:.1} m/s, but {asked_mps:.1} m/s was requested"
             ),
             Self::Finding(finding) => write!(f, "{finding}"),
             Self::Text { text, .. } => write!(f, "autopilot: {text}"),

@@ -59,7 +59,7 @@ pub enum Reaction {
 
 /// A row of the table.
 #[derive(Clone, Copy, Debug)]
-pub struct Row {
+pub struct FailsafeRow {
     /// The failure; the fields of its variant are placeholders.
     pub cause: Cause,
     /// The condition that is checked, and for how long.
@@ -71,92 +71,92 @@ pub struct Row {
 }
 
 /// The failsafe table.
-pub static TABLE: [Row; 15] = [
-    Row {
+pub static TABLE: [FailsafeRow; 15] = [
+    FailsafeRow {
         cause: Cause::HeartbeatLost,
         detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s; with PX4, which sends one a second, 10 s), or nothing at all for 5 s",
         reaction: Reaction::Silence,
         ends: "the autopilot's own link failsafe; if it is heard again and still ours, NAV_LAND",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::LinkDead,
         detected: "no heartbeat for `link_dead` (20 s) more, in flight, while landing or while starting",
         reaction: Reaction::Release,
         ends: "the flight of the client is over; the vehicle flies by its own link failsafe",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::PositionLost,
         detected: "no new position sample for `position` (1.5 s)",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::PositionJumped,
         detected: "two samples further apart than `jump_m` (60 m) plus twice the speed limit times their time",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::SetpointsIgnored,
         detected: "`ignored_legs` (6) legs in a row of which less than a tenth was flown",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::ControlTaken(Mode(0)),
         detected: "a heartbeat with another mode than the one we set",
         reaction: Reaction::Release,
         ends: "with the pilot; control is never taken back",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::Disarmed,
         detected: "a heartbeat that is not armed while flying",
         reaction: Reaction::Release,
         ends: "on the ground",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::BatteryLow,
         detected: "SYS_STATUS.battery_remaining below `battery_percent` (20 %) for `battery` (2 s)",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::FenceBreached,
         detected: "a position sample more than `fence_margin_m` (10 m) outside the geofence",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::GroundSilent,
         detected: "no frame on the ground link for `ground` during the legs (off unless set; `host-sim run`: ten slots, 10 s at least)",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::SlotOverrun,
         detected: "the reference comes to rest one setpoint after a leg's end; no new leg for `overrun` (10 s)",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::StopAsked,
         detected: "ctrl-C, or a call of `stop`",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::CommandFailed,
         detected: "refused for good, or `attempts` (8) without an answer",
         reaction: Reaction::Land,
         ends: "landed and disarmed, or never taken off",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::StageTimedOut,
         detected: "a stage of the start longer than `stage` (180 s)",
         reaction: Reaction::Land,
         ends: "landed and disarmed, or never taken off",
     },
-    Row {
+    FailsafeRow {
         cause: Cause::TooSlow,
         detected: "the speed that the trial leg before the first slot showed, below what the way to the destination needs",
         reaction: Reaction::Land,
@@ -166,9 +166,10 @@ pub static TABLE: [Row; 15] = [
 
 impl Cause {
     /// Returns the row of the table for this cause.
-    pub fn row(&self) -> &'static Row {
-        let same =
-            |row: &&Row| core::mem::discriminant(&row.cause) == core::mem::discriminant(self);
+    pub fn row(&self) -> &'static FailsafeRow {
+        let same = |row: &&FailsafeRow| {
+            core::mem::discriminant(&row.cause) == core::mem::discriminant(self)
+        };
         // Every cause has its row (verified by a test); the last one is the fallback.
         TABLE.iter().find(same).unwrap_or(&TABLE[TABLE.len() - 1])
     }
@@ -188,7 +189,7 @@ impl fmt::Display for Cause {
             Self::FenceBreached => "outside the geofence",
             Self::GroundSilent => "ground link silent",
             Self::SlotOverrun => "no new leg after a slot's end",
-            Self::StopAsked => "stop asked for",
+            Self::StopAsked => "stop requested",
             Self::CommandFailed => "a needed command failed",
             Self::StageTimedOut => "a stage took too long",
             Self::TooSlow => "the airframe is too slow for the mission",

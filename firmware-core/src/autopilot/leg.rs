@@ -49,10 +49,10 @@ pub enum LegError {
     #[error("no leg can start while {0}")]
     Phase(Phase),
     /// The waypoint has a coordinate that is not finite.
-    #[error("the way-point is not finite")]
+    #[error("the waypoint is not finite")]
     NotFinite,
     /// The waypoint is outside the geofence.
-    #[error("the way-point ({x}, {y}) m lies outside the geofence")]
+    #[error("the waypoint ({x}, {y}) m is outside the geofence")]
     OutsideFence {
         /// East, m.
         x: f64,

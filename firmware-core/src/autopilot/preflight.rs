@@ -172,7 +172,7 @@ impl fmt::Display for PreflightRefusal {
             } => {
                 write!(
                     f,
-                    "the destination asks for {needed_mps:.1} m/s, and the vehicle's limits leave \
+                    "reaching the destination needs {needed_mps:.1} m/s, but the vehicle's limits allow \
                      {possible_mps:.1} m/s"
                 )?;
                 match parameter {
@@ -185,7 +185,7 @@ impl fmt::Display for PreflightRefusal {
                 reached_mps,
             } => write!(
                 f,
-                "the destination asks for {needed_mps:.1} m/s, and the airframe reached \
+                "reaching the destination needs {needed_mps:.1} m/s, but the airframe reached \
                  {reached_mps:.1} m/s on the trial leg: fly a mission with more slots or a \
                  shorter way"
             ),
@@ -298,7 +298,7 @@ mod tests {
         };
         assert_eq!(
             slow.to_string(),
-            "the destination asks for 20.8 m/s, and the vehicle's limits leave 9.5 m/s: set \
+            "reaching the destination needs 20.8 m/s, but the vehicle's limits allow 9.5 m/s: set \
              WPNAV_SPEED to 3500"
         );
     }

@@ -1,9 +1,15 @@
 //! Differences between autopilots: modes, take-off, confirmation of setpoints.
 //!
-//! The firmware is determined from the autopilot's own heartbeat; it is never configured.
+//! The firmware is determined from the autopilot's own heartbeat; it is never configured. Every
+//! difference is a method with an exhaustive match, so that the compiler lists what a new firmware
+//! has to define.
 
-use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType};
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    ESTIMATOR_STATUS_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavType,
+};
 
+use super::wire::ekf_status_report;
 use crate::time::Duration;
 
 /// The autopilot's software.
@@ -26,6 +32,34 @@ const fn px4_mode(main: u32, sub: u32) -> Mode {
 }
 
 impl Firmware {
+    /// All firmwares. The test `every_heartbeat_is_recognized` checks them.
+    pub const ALL: [Self; 3] = [Self::Generic, Self::ArduCopter, Self::Px4];
+
+    /// Returns the autopilot type in the firmware's heartbeat.
+    pub const fn autopilot(self) -> MavAutopilot {
+        match self {
+            Self::Generic => MavAutopilot::MAV_AUTOPILOT_GENERIC,
+            Self::ArduCopter => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            Self::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
+        }
+    }
+
+    /// Returns the id of the message that reports the state of the position estimator.
+    pub const fn estimator_message(self) -> u32 {
+        match self {
+            Self::ArduCopter => ekf_status_report::ID,
+            Self::Generic | Self::Px4 => ESTIMATOR_STATUS_DATA::ID,
+        }
+    }
+
+    /// Returns whether item 0 of an uploaded mission is the home position.
+    pub const fn mission_begins_with_home(self) -> bool {
+        match self {
+            Self::Generic | Self::ArduCopter => true,
+            Self::Px4 => false,
+        }
+    }
+
     /// Returns the firmware that sent this heartbeat, or `None` if it is not the autopilot of a
     /// vehicle that hovers.
     pub fn of(heartbeat: &HEARTBEAT_DATA) -> Option<Self> {
@@ -42,13 +76,9 @@ impl Firmware {
                 | MavType::MAV_TYPE_DECAROTOR
                 | MavType::MAV_TYPE_GENERIC_MULTIROTOR
         );
-        match heartbeat.autopilot {
-            _ if !hovers => None,
-            MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Some(Self::ArduCopter),
-            MavAutopilot::MAV_AUTOPILOT_PX4 => Some(Self::Px4),
-            MavAutopilot::MAV_AUTOPILOT_GENERIC => Some(Self::Generic),
-            _ => None,
-        }
+        Self::ALL
+            .into_iter()
+            .find(|firmware| hovers && firmware.autopilot() == heartbeat.autopilot)
     }
 
     /// Returns the mode in which the autopilot follows our setpoints: GUIDED or OFFBOARD.
@@ -142,20 +172,29 @@ impl Firmware {
     /// Returns whether the autopilot accepts a SET_MESSAGE_INTERVAL for its heartbeat. PX4 refuses
     /// it and sends one a second; its CURRENT_MODE shows earlier who has control.
     pub const fn sends_heartbeats_on_request(self) -> bool {
-        !matches!(self, Self::Px4)
+        match self {
+            Self::Generic | Self::ArduCopter => true,
+            Self::Px4 => false,
+        }
     }
 
     /// Returns whether take-off is commanded by NAV_TAKEOFF; otherwise it is flown with rising
     /// setpoints.
     pub const fn takes_off_by_command(self) -> bool {
-        !matches!(self, Self::Px4)
+        match self {
+            Self::Generic | Self::ArduCopter => true,
+            Self::Px4 => false,
+        }
     }
 
     /// Returns whether each setpoint is echoed at once, so that a position sample after the echo
     /// was taken after the setpoint. (ArduCopter echoes at its telemetry rate; PX4 echoes the
     /// output of its own smoothing.)
     pub const fn confirms_setpoints(self) -> bool {
-        matches!(self, Self::Generic)
+        match self {
+            Self::Generic => true,
+            Self::ArduCopter | Self::Px4 => false,
+        }
     }
 
     /// Returns the name of the firmware for messages.
@@ -178,4 +217,21 @@ pub fn is_armed(heartbeat: &HEARTBEAT_DATA) -> bool {
     heartbeat
         .base_mode
         .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_heartbeat_is_recognized() {
+        for firmware in Firmware::ALL {
+            let heartbeat = HEARTBEAT_DATA {
+                mavtype: MavType::MAV_TYPE_QUADROTOR,
+                autopilot: firmware.autopilot(),
+                ..HEARTBEAT_DATA::DEFAULT
+            };
+            assert_eq!(Firmware::of(&heartbeat), Some(firmware));
+        }
+    }
 }

@@ -149,7 +149,7 @@ pub enum SettingsError {
         micros: u64,
     },
     /// The start is not inside the fence.
-    #[error("the start ({x}, {y}) m lies outside the geofence")]
+    #[error("the start ({x}, {y}) m is outside the geofence")]
     StartOutsideFence {
         /// East, m.
         x: f64,
@@ -165,7 +165,9 @@ pub enum SettingsError {
         value: f64,
     },
     /// The flight altitude is above the fence's ceiling.
-    #[error("altitude_m is {altitude_m}; the geofence ends at {ceiling_m} m")]
+    #[error(
+        "altitude_m is {altitude_m}; it must be at most {ceiling_m}, the ceiling of the geofence"
+    )]
     AboveCeiling {
         /// The altitude, m.
         altitude_m: f64,

@@ -10,8 +10,8 @@
 
 use mavlink::MessageData;
 use mavlink::dialects::common::{
-    CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA, GPS_GLOBAL_ORIGIN_DATA,
-    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavResult, SYS_STATUS_DATA,
+    CURRENT_MODE_DATA, EXTENDED_SYS_STATE_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA,
+    LOCAL_POSITION_NED_DATA, MavResult, SYS_STATUS_DATA,
 };
 
 use super::client::Autopilot;
@@ -23,7 +23,6 @@ use super::phase::{Obstacle, Phase};
 use super::profile::{Firmware, Mode};
 use super::state::Stream;
 use super::telemetry::Sample;
-use super::wire::ekf_status_report;
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
 
@@ -49,8 +48,7 @@ impl<T: Scalar> Autopilot<T> {
                 LOCAL_POSITION_NED_DATA::ID,
                 self.settings.telemetry_interval,
             ),
-            1 if firmware == Firmware::ArduCopter => every(ekf_status_report::ID, half_second),
-            1 => every(ESTIMATOR_STATUS_DATA::ID, half_second),
+            1 => every(firmware.estimator_message(), half_second),
             2 => every(SYS_STATUS_DATA::ID, half_second),
             3 => every(EXTENDED_SYS_STATE_DATA::ID, half_second),
             // Reports a change of mode sooner, and tolerates a link that loses frames.

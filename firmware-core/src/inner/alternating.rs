@@ -1,9 +1,10 @@
-//! The paper's Alg. 1: alternate between powers and coefficients for a given `eta` (eq:inn1) and
-//! `eta` for given powers and coefficients (eq:eta_), with the corrections of
-//! `docs/mathematics.md`. It is here to be compared with: [`exact`](super::exact) gives the
+//! The paper's Alg. 1 (alg:1): alternate between powers and coefficients for a given `eta` (eq:inn1)
+//! and `eta` for given powers and coefficients (eq:inn2, solved by eq:opteta and eq:eta_), with the
+//! corrections of `docs/mathematics.md`. It is here to be compared with: [`exact`](super::exact) gives the
 //! optimum that this approaches, in one step.
 //!
-//! Each outer step fixes `eta` and repeats: `t = 1/Psi` (eq:t), then the convex problem eq:p_pbp
+//! Each outer step fixes `eta` and bounds the interference by `Psi >= E` (eq:psi, which turns eq:inn1
+//! into eq:p_pb1 and eq:p_pb1_r). It then repeats `t = 1/Psi` (eq:t) and the convex problem eq:p_pbp
 //! in `b`, `p` and `Psi`. In noise-normalized units (`e = eta sigma`, `psi = Psi / e^2`) that is
 //!
 //! ```text

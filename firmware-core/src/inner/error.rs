@@ -35,7 +35,7 @@ pub enum SlotError<T: fmt::Display> {
         expected: &'static str,
     },
     /// The workspace is too small.
-    #[error("{sensors} sensors do not fit into room for {capacity}")]
+    #[error("there are {sensors} sensors, but the capacity is {capacity}")]
     TooManySensors {
         /// `J`, the number of sensors.
         sensors: usize,

@@ -2,7 +2,10 @@
 //! served user the highest rate while the average stays accurate.
 //!
 //! ```text
-//! maximise R   subject to   MSE <= Gamma,  |b_j|^2 <= p_b^max,  0 <= p <= p^max,  eta >= 0
+//! maximise R   subject to   MSE <= Gamma         (eq:mse)
+//!                           |b_j|^2 <= p_b^max   (eq:bjn)
+//!                           0 <= p <= p^max      (eq:pmn)
+//!                           eta >= 0             (eq:eta0)
 //! ```
 //!
 //! [`exact`] solves it in closed form and is the default; [`alternating`] is the paper's own

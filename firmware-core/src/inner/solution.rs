@@ -110,7 +110,8 @@ impl<T: Scalar> Solution<T> {
 }
 
 impl<T: Scalar> SensorField<'_, T> {
-    /// Converts the normalized solution to watts: `p = q sigma^2 / |g|^2`, never above `p^max`.
+    /// Converts the normalized solution to watts: `p = q sigma^2 / |g|^2`, never above `p^max`, and
+    /// `eta = A / (q + E)`, the normalizing factor of least MSE (eq:eta_).
     pub(super) fn solution(
         &self,
         status: Status<T>,

@@ -8,6 +8,24 @@ use crate::{
     scalar::{Displacement, Position, Scalar},
 };
 
+/// The number of components of the paper's state besides the users' counts: rate, MSE and the two
+/// coordinates of the position.
+pub const STATE_EXTRA: usize = 4;
+
+/// The number of outputs of a policy besides the users' scores: the two components of the
+/// displacement.
+pub const OUTPUT_EXTRA: usize = 2;
+
+/// Returns the length of the paper's state for a number of users: `[counts; R; MSE; x, y]`.
+pub const fn state_len(users: usize) -> usize {
+    users.saturating_add(STATE_EXTRA)
+}
+
+/// Returns the number of outputs of a policy for a number of users: `[displacement; user scores]`.
+pub const fn output_len(users: usize) -> usize {
+    users.saturating_add(OUTPUT_EXTRA)
+}
+
 /// The state after slot `n - 1`, from which slot `n` is planned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation<'a, T: Scalar> {
@@ -34,20 +52,15 @@ impl<'a, T: Scalar> Observation<'a, T> {
         }
     }
 
-    /// Returns the length of the paper's state for a number of users: `[counts; R; MSE; x, y]`.
-    pub const fn state_len(users: usize) -> usize {
-        users + 4
-    }
-
     /// Writes the paper's state in raw units: counts, bit/s/Hz, MSE, metres. Writes as much as fits
     /// and returns the length of the state.
     pub fn write_state(&self, state: &mut [T]) -> usize {
         let counts = self.counts.iter().map(|&count| T::count(count as usize));
-        let rest = [self.rate, self.mse, self.position.x, self.position.y];
+        let rest: [T; STATE_EXTRA] = [self.rate, self.mse, self.position.x, self.position.y];
         for (slot, value) in state.iter_mut().zip(counts.chain(rest)) {
             *slot = value;
         }
-        Self::state_len(self.counts.len())
+        state_len(self.counts.len())
     }
 }
 
@@ -129,7 +142,7 @@ mod tests {
             position: Position::new(30.0, 40.0),
         };
         let expected = [2.0, 0.0, 1.0, 0.5, 0.01, 30.0, 40.0];
-        assert_eq!(Observation::<f64>::state_len(3), expected.len());
+        assert_eq!(state_len(3), expected.len());
         for length in 0..10 {
             let mut state = [-1.0; 10];
             assert_eq!(observation.write_state(&mut state[..length]), 7);

@@ -15,6 +15,8 @@ pub mod onnx;
 mod provenance;
 mod rules;
 
-pub use interface::{Action, Observation, PlanQuality, Policy};
+pub use interface::{
+    Action, OUTPUT_EXTRA, Observation, PlanQuality, Policy, STATE_EXTRA, output_len, state_len,
+};
 pub use provenance::{PolicyMismatch, Provenance, REQUIRED_METADATA};
 pub use rules::{FixedPosition, StraightLine};

@@ -20,7 +20,9 @@ use std::{
 use heapless::Vec;
 use tract_onnx::prelude::*;
 
-use super::{Action, Observation, Policy, Provenance, REQUIRED_METADATA, mlp::SELF_TEST_TOLERANCE};
+use super::{
+    Action, Observation, Policy, Provenance, REQUIRED_METADATA, mlp::SELF_TEST_TOLERANCE, state_len,
+};
 use crate::scalar::{Displacement, Scalar};
 
 /// The version of the contract that this crate reads.
@@ -113,7 +115,7 @@ impl OnnxPolicy {
         }
         let provenance = metadata.provenance()?;
         let users = provenance.users as usize;
-        let inputs = Observation::<f32>::state_len(users);
+        let inputs = state_len(users);
         check_names(&model)?;
         let model = model
             .with_input_fact(0, f32::fact([1, inputs]).into())
@@ -187,7 +189,7 @@ impl OnnxPolicy {
     }
 
     fn self_test(&mut self, metadata: &Metadata) -> Result<(), OnnxError> {
-        let inputs = Observation::<f32>::state_len(self.provenance.users as usize);
+        let inputs = state_len(self.provenance.users as usize);
         let observation = metadata.list("test_observation", inputs)?;
         let mut expected = metadata.list("test_displacement", 2)?;
         let scores = metadata.list("test_user_scores", inputs - 4)?;

@@ -9,10 +9,10 @@
 //! ```
 //!
 //! and the user is the one with the highest score among those that leave enough slots for the
-//! quotas of all users: `sum_k max(0, floor(N/M) - count_k) <= N - n` after the slot. So eq:a1 to
-//! eq:a3, eq:traj1 and eq:traj2 hold for every policy, trained or broken. A NaN, an infinity or a
-//! wrong number of scores counts as no displacement and the admissible user with the best rate, and
-//! is reported.
+//! quotas of all users: `sum_k max(0, floor(N/M) - count_k) <= N - n` after the slot. So eq:a1,
+//! eq:a2, eq:a3, eq:traj1 and eq:traj2 hold for every policy, whatever it returns. A NaN, an infinity
+//! or a wrong number of scores counts as no displacement and the admissible user with the best rate,
+//! and is reported.
 //!
 //! `F_n` is the intersection of two discs and a rectangle. The nearest point of such a set is
 //! inside, or is the nearest point of one border, or a corner where two borders meet: at most 29

@@ -23,7 +23,7 @@ pub struct ReachableSet<T: Scalar> {
     /// The places within reach in one slot (eq:traj1).
     pub(super) step: Disc<T>,
     /// The places from which the destination can be reached in the slots that remain (eq:traj2).
-    pub(super) home: Disc<T>,
+    pub(super) arrival: Disc<T>,
     /// [`rounding_m`] of the whole area.
     pub(super) rounding_m: T,
 }
@@ -47,7 +47,7 @@ impl<T: Scalar> ReachableSet<T> {
                 center: from,
                 radius_m: step_m,
             },
-            home: Disc {
+            arrival: Disc {
                 center: destination,
                 radius_m: home_m,
             },
@@ -99,7 +99,7 @@ impl<T: Scalar> ReachableSet<T> {
             return set;
         }
         set.step.radius_m = agility.step_beside(
-            set.home.center - from,
+            set.arrival.center - from,
             mission.slots().saturating_sub(slot) + 1,
             mission.reach_m(),
         );
@@ -133,11 +133,11 @@ impl<T: Scalar> ReachableSet<T> {
             south_west[axis] = (inside - step_m(-drift_m, inside - low)).max(low);
             north_east[axis] = (inside + step_m(drift_m, high - inside)).min(high);
         }
-        let home = set.home.center - from;
-        let away_m = home.norm();
+        let arrival = set.arrival.center - from;
+        let away_m = arrival.norm();
         let slots_left = T::count((mission.slots().saturating_sub(slot) + 1) as usize);
         let spare_m = (slots_left + T::of(ARRIVAL_FRACTION)) * agility.reach_m - away_m;
-        let toward = home / away_m.max(set.rounding_m);
+        let toward = arrival / away_m.max(set.rounding_m);
         let [east_m, north_m] = agility.drift_m;
         let last_short_m = (toward * agility.reach_m - Displacement::new(east_m, north_m)).norm();
         let short_m = agility.allowed_m(last_short_m, spare_m);
@@ -146,16 +146,16 @@ impl<T: Scalar> ReachableSet<T> {
         let arrived_m = agility.stoppable_m(mission.reach_m()) / T::of(2.0);
         let ahead_m = set.step.radius_m.min(away_m);
         if away_m - agility.reach_m + short_m <= arrived_m {
-            set.home.radius_m = set.home.radius_m.min(arrived_m);
-        } else if away_m - ahead_m + short_m <= set.home.radius_m {
+            set.arrival.radius_m = set.arrival.radius_m.min(arrived_m);
+        } else if away_m - ahead_m + short_m <= set.arrival.radius_m {
             // Inside the disc of `F_n` around the destination.
-            set.home = Disc {
+            set.arrival = Disc {
                 center: from + toward * ahead_m,
                 radius_m: short_m,
             };
         }
         // The two discs must intersect, however short the step should be.
-        let gap_m = (set.home.center - from).norm() - set.home.radius_m;
+        let gap_m = (set.arrival.center - from).norm() - set.arrival.radius_m;
         set.step.radius_m = set.step.radius_m.max(gap_m.min(agility.step_m));
         set
     }
@@ -164,7 +164,7 @@ impl<T: Scalar> ReachableSet<T> {
     pub fn contains(&self, place: &Position<T>) -> bool {
         let slack = self.rounding_m / T::of(2.0);
         let inside = |disc: &Disc<T>| (place - disc.center).norm() <= disc.radius_m + slack;
-        self.area.contains(place) && inside(&self.step) && inside(&self.home)
+        self.area.contains(place) && inside(&self.step) && inside(&self.arrival)
     }
 
     /// Returns the point of the set that is nearest to `wish`, or `None` if the set is empty.
@@ -191,7 +191,7 @@ impl<T: Scalar> ReachableSet<T> {
         let (lines_x, lines_y) = ([south_west.x, north_east.x], [south_west.y, north_east.y]);
         visit(*wish);
         visit(self.area.clamp(wish));
-        for disc in [&self.step, &self.home] {
+        for disc in [&self.step, &self.arrival] {
             visit(disc.border_towards(wish));
             // Degenerate sets (a disc of radius 0, discs that touch) have their centres.
             visit(disc.center);
@@ -202,7 +202,7 @@ impl<T: Scalar> ReachableSet<T> {
                 disc.meet_line(1, y, &mut visit);
             }
         }
-        self.step.meet_disc(&self.home, &mut visit);
+        self.step.meet_disc(&self.arrival, &mut visit);
         for x in lines_x {
             for y in lines_y {
                 visit(Position::new(x, y));
@@ -346,7 +346,7 @@ mod tests {
             let from = destination - way * away_m;
             let set = ReachableSet::of_slot_with(&mission, slot, from, &agility);
             let ideal = ReachableSet::of_slot(&mission, slot, from);
-            assert_eq!(ideal.home.radius_m, f64::from(slots_left) * reach_m);
+            assert_eq!(ideal.arrival.radius_m, f64::from(slots_left) * reach_m);
 
             let spare_m = (f64::from(slots_left) + 0.3) * agility.reach_m - away_m;
             let [east_m, north_m] = agility.drift_m;
@@ -356,7 +356,7 @@ mod tests {
             let root = (1.0 + 2.0 * reach_m / agility.velocity_change_m).sqrt();
             let stop_m = 2.0 * reach_m / (1.0 + root);
             let step_m = agility.step_beside(way * away_m, slots_left, reach_m);
-            let gap_m = (set.home.center - from).norm() - set.home.radius_m;
+            let gap_m = (set.arrival.center - from).norm() - set.arrival.radius_m;
             assert!(equal(
                 set.step.radius_m,
                 step_m.max(gap_m.min(agility.step_m))
@@ -366,9 +366,9 @@ mod tests {
                 arrived += 1;
                 Disc {
                     center: destination,
-                    radius_m: ideal.home.radius_m.min(stop_m / 2.0),
+                    radius_m: ideal.arrival.radius_m.min(stop_m / 2.0),
                 }
-            } else if away_m - ahead_m + short_m <= ideal.home.radius_m {
+            } else if away_m - ahead_m + short_m <= ideal.arrival.radius_m {
                 ahead += 1;
                 Disc {
                     center: from + way * ahead_m,
@@ -376,10 +376,10 @@ mod tests {
                 }
             } else {
                 plain += 1;
-                ideal.home
+                ideal.arrival
             };
-            assert!((set.home.center - expected.center).norm() < 1e-9);
-            assert!(equal(set.home.radius_m, expected.radius_m));
+            assert!((set.arrival.center - expected.center).norm() < 1e-9);
+            assert!(equal(set.arrival.radius_m, expected.radius_m));
         }
         assert!(
             ahead > 1_000 && arrived > 100 && plain > 20,

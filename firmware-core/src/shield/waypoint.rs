@@ -36,10 +36,10 @@ pub fn admissible_waypoint<T: Scalar>(
             waypoint
         }
         None => {
-            let (home, reach_m) = (&set.home, set.step.radius_m);
-            let towards = home.center - from;
+            let (arrival, reach_m) = (&set.arrival, set.step.radius_m);
+            let towards = arrival.center - from;
             let distance = towards.norm();
-            let gap = distance - reach_m - home.radius_m;
+            let gap = distance - reach_m - arrival.radius_m;
             let outside = !set.area.contains(&from);
             // A gap between the discs smaller than the accuracy of a measurement is not reported.
             changed.out_of_reach = gap > set.rounding_m.max(T::of(MEASUREMENT_M)) || outside;
@@ -48,9 +48,9 @@ pub fn admissible_waypoint<T: Scalar>(
                 // On a mission without any spare distance the discs only touch, and rounding
                 // separates them. A waypoint on the border itself prevents the rounding from
                 // accumulating.
-                home.border_towards(&from)
+                arrival.border_towards(&from)
             } else if distance <= reach_m {
-                home.center
+                arrival.center
             } else {
                 from + towards * (reach_m / distance)
             };

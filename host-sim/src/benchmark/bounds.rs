@@ -82,7 +82,7 @@ impl Bounds {
     /// # Errors
     /// Returns a message of one line if the mission is too large to be bounded.
     pub fn certify(scenario: &Scenario) -> Result<BoundRecord, String> {
-        let bound = bound::certify(&scenario.mission, &bound::Settings::default(), |_| {})
+        let bound = bound::certify(&scenario.mission, &bound::BoundSettings::default(), |_| {})
             .map_err(|error| format!("{}: {error}", scenario.name))?;
         Ok(BoundRecord {
             mission: scenario.name.clone(),

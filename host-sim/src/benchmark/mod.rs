@@ -49,7 +49,7 @@ pub fn missions(folder: &Path) -> Result<Vec<Scenario>, String> {
     }
     if files.is_empty() {
         return Err(format!(
-            "{}: no scenario here (files that end in .toml)",
+            "{}: the directory contains no scenario (.toml file)",
             folder.display()
         ));
     }

@@ -1,4 +1,5 @@
-//! `host-sim benchmark`: policies over a set of missions, as shares of certified bounds.
+//! `host-sim benchmark`: flies policies on a set of missions and reports their sum rates as
+//! fractions of certified bounds.
 
 use std::{
     collections::BTreeSet,
@@ -23,25 +24,26 @@ use vehicle::Profile;
 
 use super::{Failure, terminal};
 
-/// What to compare, and where.
+/// The options of `host-sim benchmark`.
 #[derive(Debug, Args)]
 pub(crate) struct BenchmarkArguments {
-    /// A policy to fly, as often as needed, as in host-sim run [default: plan and straight-line]
+    /// A policy to fly, as in host-sim run; may be given several times [default: plan and
+    /// straight-line]
     #[arg(long)]
     policy: Vec<PolicyChoice>,
-    /// The directory with the scenarios and bounds.csv
+    /// Directory that contains the scenarios and bounds.csv
     #[arg(long, default_value = "benchmarks", value_name = "DIR")]
     missions: PathBuf,
-    /// Which vehicle: ideal, multirotor, arducopter or px4
+    /// The vehicle profile: ideal, multirotor, arducopter or px4
     #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
     profile: Profile,
-    /// Missions flown at once; times are comparable only with 1
+    /// Number of missions that are flown in parallel; measured times are comparable only with 1
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=256))]
     jobs: u64,
-    /// Where every flight is written, a line each; flights that are there already are not repeated
+    /// CSV file to which each flight is appended; flights that it already contains are not repeated
     #[arg(long, value_name = "F.csv")]
     results: Option<PathBuf>,
-    /// Certify the bounds that bounds.csv does not have yet, and fly nothing
+    /// Compute the bounds that are missing in bounds.csv, without flying
     #[arg(long)]
     certify: bool,
     /// Fly this many missions in which something changes at mid-mission (users move, leave or join,
@@ -54,7 +56,7 @@ pub(crate) struct BenchmarkArguments {
     json: bool,
 }
 
-/// Flies and prints the table, or certifies bounds.
+/// Flies the policies and prints the table of statistics, or computes the missing bounds.
 pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     let scenarios = benchmark::missions(&arguments.missions).map_err(Failure::bad_input)?;
     let bounds = Bounds::read(&arguments.missions).map_err(Failure::bad_input)?;
@@ -157,7 +159,7 @@ fn bar(length: usize) -> ProgressBar {
     ProgressBar::with_draw_target(Some(length as u64), terminal()).with_style(style)
 }
 
-/// Certifies what is missing; every bound is written as soon as it is known.
+/// Computes the missing bounds. Each bound is written to the file as soon as it is known.
 fn certify(folder: &Path, scenarios: &[Scenario], bounds: Bounds) -> Result<(), Failure> {
     let missing: Vec<&Scenario> = scenarios
         .iter()
@@ -191,7 +193,8 @@ fn read_results(path: &Path) -> Result<Vec<Flown>, Failure> {
     flights.map_err(named)
 }
 
-/// Flies what is not known yet and returns all flights of this vehicle.
+/// Flies the missions that are not among the known flights, and returns all flights with this
+/// profile.
 fn fly(
     arguments: &BenchmarkArguments,
     policies: &[PolicyChoice],
@@ -253,7 +256,7 @@ fn fly(
 
 fn table(found: &[PolicyStatistics]) -> String {
     let mut text = format!(
-        "share of the certified upper bound, over missions with a gap of at most {} %\n\
+        "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %\n\
          {:<14} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>10} {:>10} {:>9} {:>12}\n",
         100.0 * benchmark::COUNTED_GAP,
         "policy",
@@ -262,7 +265,7 @@ fn table(found: &[PolicyStatistics]) -> String {
         "mean",
         "5 %",
         "worst",
-        "broken",
+        "violated",
         "inaccurate",
         "prepare s",
         "at most",

@@ -1,4 +1,5 @@
-//! Which controller flies: ours, a board's, or a board's twin in this process.
+//! The choice of the controller: in this process, on a board, or the board's controller (f32) in this
+//! process.
 
 use std::{path::Path, str::FromStr, sync::Arc};
 
@@ -15,7 +16,7 @@ use vehicle::Profile;
 
 use super::Failure;
 
-/// Where the controller is.
+/// The place where the controller runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum ControllerChoice {
     InProcess,
@@ -36,44 +37,44 @@ impl FromStr for ControllerChoice {
     }
 }
 
-/// The controller's number type.
+/// The scalar type of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Precision {
-    /// Double, as on a host.
+    /// Double precision
     F64,
-    /// Single, as on a board.
+    /// Single precision, as on a board
     F32,
 }
 
-/// Which controller flies.
+/// The options that select the controller.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct BoardChoice {
-    /// Where the controller is: in-process, or tcp:HOST:PORT for a board (docs/target.md) whose
-    /// ground link is at PORT, MAVLink at PORT + 1 and console at PORT + 2. It flies the policy in
-    /// its flash, or --policy straight-line
+    /// Where the controller runs: in-process, or tcp:HOST:PORT for a board (docs/target.md) that has
+    /// its ground link at PORT, MAVLink at PORT + 1 and its console at PORT + 2. A board flies the
+    /// policy in its flash memory, or straight-line if --policy says so
     #[arg(long, default_value = "in-process", value_name = "WHERE")]
     controller: ControllerChoice,
-    /// The controller's numbers: f64, or f32 as a board's are (with --policy F.policy or
-    /// straight-line); a board's own are always f32
+    /// Floating-point precision of the in-process controller: f64, or f32 as on a board (only with
+    /// --policy F.policy or straight-line). A board always computes in f32
     #[arg(long, default_value = "f64")]
     precision: Precision,
 }
 
-/// A board that has its order.
+/// A controller that has received its mission order.
 pub(super) enum OpenBoard {
-    /// At the other end of three connections.
+    /// A board, connected by three TCP connections.
     Image(Box<Image>),
-    /// In this process.
+    /// The board's controller in this process.
     Twin(Box<Twin>),
 }
 
 impl BoardChoice {
-    /// Whether it is not the ordinary controller.
-    pub(super) fn is_asked_for(&self) -> bool {
+    /// Returns whether anything but the default controller (in-process, f64) is selected.
+    pub(super) fn is_selected(&self) -> bool {
         self.controller != ControllerChoice::InProcess || self.precision == Precision::F32
     }
 
-    /// Gives the order.
+    /// Connects to the board, or starts its controller in this process, and gives it the mission order.
     pub(super) fn open(
         &self,
         scenario: &Scenario,
@@ -90,8 +91,8 @@ impl BoardChoice {
                 Ok(OpenBoard::Image(Box::new(image)))
             }
             (ControllerChoice::Tcp(_), other) => Err(Failure::bad_input(format!(
-                "--policy {other}: a board flies the policy in its flash (leave --policy out) or \
-                 straight-line"
+                "--policy {other} cannot be used with a board: omit --policy to fly the policy in its \
+                 flash memory, or use --policy straight-line"
             ))),
             (ControllerChoice::InProcess, PolicyChoice::StraightLine) => {
                 twin(&ordered(PolicyKind::StraightLine), None)
@@ -104,8 +105,8 @@ impl BoardChoice {
                 )
             }
             (ControllerChoice::InProcess, other) => Err(Failure::bad_input(format!(
-                "--policy {other}: --precision f32 flies straight-line or a .policy file \
-                 (`trainer convert F.onnx F.policy`)"
+                "--policy {other} cannot be used with --precision f32: use straight-line or a .policy \
+                 file (`trainer convert F.onnx F.policy` writes one)"
             ))),
         }
     }
@@ -123,10 +124,11 @@ fn twin(
     Ok(OpenBoard::Twin(Box::new(twin)))
 }
 
-/// A board's memory, in one line for people and scripts.
-pub(super) fn footprint_in_words(footprint: &Footprint) -> String {
+/// Formats the memory use and the counters of a board as one line.
+pub(super) fn footprint_line(footprint: &Footprint) -> String {
     format!(
-        "board: {} B of stack at most, of them {} B the controller; {} bytes lost, {} frames unsent",
+        "board: at most {} B of stack used, {} B of it by the controller; {} bytes lost, {} frames \
+         unsent",
         footprint.stack_bytes,
         footprint.computer_bytes,
         footprint.lost_bytes,

@@ -1,42 +1,42 @@
-//! `host-sim bound`.
+//! `host-sim bound`: computes the certified upper bound of a scenario.
 
 use std::io::Write;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use planning::bound::{Bound, Settings, certify};
+use planning::bound::{Bound, BoundSettings, certify};
 use scenario::ScenarioChoice;
 use serde::Serialize;
 
 use super::Failure;
 
-/// Bound a mission.
+/// The options of `host-sim bound`.
 #[derive(Debug, Args)]
 pub(crate) struct BoundArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// Stop when (upper - lower) / upper is at most this
-    #[arg(long, default_value_t = Settings::default().gap)]
+    /// Relative gap (upper - lower) / upper at which the computation stops
+    #[arg(long, default_value_t = BoundSettings::default().gap)]
     gap: f64,
-    /// Part the missions into at most so many; 1 shows what branching is worth
-    #[arg(long, default_value_t = Settings::default().leaves_max as u64,
+    /// Largest number of subproblems (branch and bound); 1 disables branching
+    #[arg(long, default_value_t = BoundSettings::default().leaves_max as u64,
         value_parser = clap::value_parser!(u64).range(1..=1000))]
     parts: u64,
-    /// Print the certificate, with its mission, as JSON
+    /// Print the bound and the mission that was found as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// What `--json` prints.
+/// The output of `--json`.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+struct BoundReport<'a> {
     scenario: &'a str,
     mse_threshold: f64,
     #[serde(flatten)]
     bound: &'a Bound,
 }
 
-/// Does it.
+/// Computes the bound and prints it.
 pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
     if !(arguments.gap >= 0.0 && arguments.gap < 1.0) {
         return Err(Failure::bad_input(format!(
@@ -45,15 +45,15 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
         )));
     }
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
-    let settings = Settings {
+    let settings = BoundSettings {
         gap: arguments.gap,
         leaves_max: arguments.parts as usize,
-        ..Settings::default()
+        ..BoundSettings::default()
     };
     let bar = ProgressBar::new_spinner().with_style(style());
     let bound = certify(&scenario.mission, &settings, |progress| {
         bar.set_message(format!(
-            "upper {:.3}, lower {:.3}, {} parts, cells of {:.2} m",
+            "upper {:.3}, lower {:.3}, {} subproblems, cells of {:.2} m",
             progress.upper, progress.lower, progress.leaves, progress.cell_m
         ));
         bar.tick();
@@ -63,7 +63,7 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     let mse_threshold = scenario.mission.parameters().mse_threshold;
     if arguments.json {
-        let report = Report {
+        let report = BoundReport {
             scenario: &scenario.name,
             mse_threshold,
             bound: &bound,
@@ -79,25 +79,25 @@ pub(crate) fn execute(arguments: &BoundArguments) -> Result<(), Failure> {
     )?;
     writeln!(
         out,
-        "upper     {:.4} bit/s/Hz: no mission has more",
+        "upper     {:.4} bit/s/Hz: no admissible mission has a higher sum rate",
         bound.upper
     )?;
     writeln!(
         out,
-        "lower     {:.4} bit/s/Hz: host-sim run --policy search flies it",
+        "lower     {:.4} bit/s/Hz: sum rate of the mission flown by host-sim run --policy search",
         bound.lower
     )?;
     writeln!(out, "gap       {:.3} %", 100.0 * bound.gap)?;
     writeln!(
         out,
-        "cells     down to {:.3} m, in {} parts",
+        "cells     down to {:.3} m, in {} subproblems",
         bound.cell_m, bound.leaves
     )?;
     writeln!(out, "time      {:.1} s", bound.seconds)?;
     if bound.carries_nothing() {
         writeln!(
             out,
-            "note      no place in reach meets the MSE threshold: every mission carries nothing"
+            "note      no reachable position meets the MSE threshold: the sum rate of every mission is 0"
         )?;
     }
     Ok(())

@@ -1,4 +1,5 @@
-//! `host-sim doctor`: would a mission fly with this autopilot, and how well? Moves nothing.
+//! `host-sim doctor`: reports whether a mission could be flown with an autopilot, and how well,
+//! without moving the vehicle.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -26,60 +27,62 @@ use vehicle::Profile;
 
 use super::{Failure, load_policy, load_scenario};
 
-/// How to reach an autopilot.
+/// The options for the connection to an autopilot.
 #[derive(Debug, Args)]
 pub(crate) struct AutopilotArguments {
-    /// Where the autopilot is: udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or
+    /// The MAVLink link to the autopilot: udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or
     /// serial:DEVICE:BAUD
     #[arg(long)]
     link: LinkAddress,
-    /// How fast its time passes, where it is simulated
+    /// Simulation speed of the autopilot relative to real time; 1 for a real autopilot
     #[arg(long, default_value_t = 1.0, value_parser = parse_speed, value_name = "X")]
     speed: f64,
-    /// Its airframe: sets the limits that are planned with; without it the autopilot's heartbeat
-    /// decides
+    /// The vehicle profile, which sets the limits for planning: ideal, multirotor, arducopter or px4
+    /// [default: according to the autopilot's heartbeat]
     #[arg(long, value_parser = Profile::from_str)]
     profile: Option<Profile>,
-    /// The speed that the airframe reaches, m/s, where it is known
+    /// Highest speed of the airframe in m/s, if it is known
     #[arg(long, value_name = "MPS", value_parser = parse_mps)]
     airframe_speed: Option<f64>,
     #[command(flatten)]
     own: OwnAddressArguments,
-    /// The mission: a TOML file, or the name of a shipped scenario
+    /// The scenario: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated", value_name = "FILE")]
     pub(super) scenario: PathBuf,
-    /// Sign what is sent and take only what is signed, with the key in this file
+    /// Sign all sent messages with the key in this file, and accept only messages with a valid
+    /// signature
     #[arg(long, value_name = "FILE")]
     signing_key: Option<PathBuf>,
-    /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
+    /// Inject faults into the link, for example
+    /// loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
     impair: Option<Impairment>,
-    /// Where to write the MAVLink log [default: out/doctor.tlog or out/upload.tlog]
+    /// File for the MAVLink log [default: out/doctor.tlog or out/upload.tlog]
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
-    /// How long to wait for it to be ready, seconds of its time
+    /// Longest time to wait for the autopilot to become ready, in seconds of its time
     #[arg(long, default_value_t = 60, value_name = "S", value_parser = clap::value_parser!(u64).range(1..=3600))]
     patience: u64,
 }
 
-/// Who we are on the wire.
+/// The MAVLink address of this program.
 #[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct OwnAddressArguments {
-    /// Our MAVLink system id; without it the vehicle's, as for a computer on board
+    /// MAVLink system id of this program [default: that of the vehicle]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     system_id: Option<u8>,
-    /// Our MAVLink component id; without it 191, an onboard computer
+    /// MAVLink component id of this program [default: 191, onboard computer]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(2..))]
     component_id: Option<u8>,
 }
 
 impl OwnAddressArguments {
-    /// Whether any of it was given.
+    /// Returns whether an id was given.
     pub(super) fn is_given(&self) -> bool {
         self.system_id.or(self.component_id).is_some()
     }
 
-    /// The address.
+    /// Returns the address.
     pub(super) fn address(&self) -> OwnAddress {
         let usual = OwnAddress::ONBOARD_COMPUTER;
         OwnAddress {
@@ -89,7 +92,7 @@ impl OwnAddressArguments {
     }
 }
 
-/// A speed in m/s.
+/// Parses a speed in m/s.
 pub(super) fn parse_mps(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
@@ -109,12 +112,12 @@ impl AutopilotArguments {
         Duration::from_secs(self.patience)
     }
 
-    /// Where the link is, for the journal of parameters.
+    /// Returns the name of the link for the parameter journal.
     fn link_name(&self) -> String {
         self.link.to_string()
     }
 
-    /// A log of all that passes; `command` names the file where no other is given.
+    /// Creates the log of all messages. `command` determines the default file name.
     fn log(&self, command: &str) -> Result<TlogWriter<Box<dyn Write + Send>>, Failure> {
         let default = || Path::new("out").join(format!("{command}.tlog"));
         let path = self.tlog.clone().unwrap_or_else(default);
@@ -129,14 +132,15 @@ impl AutopilotArguments {
         Ok(TlogWriter::new(Box::new(file), wall_clock_us()))
     }
 
-    /// A session on the link, and a client for the mission. `command` names the log.
+    /// Opens a session on the link and a client for the mission. `command` determines the default name
+    /// of the log.
     pub(super) fn connect(
         &self,
         scenario: &Scenario,
         command: &str,
         set_parameters: bool,
     ) -> Result<(Session, Autopilot<f64>), Failure> {
-        // Until the heartbeat says which vehicle it is, the slowest airframe's limits hold.
+        // The limits of the slowest airframe apply until the heartbeat identifies the vehicle.
         let settings = AutopilotSettings {
             own: self.own.address(),
             set_parameters,
@@ -157,7 +161,7 @@ impl AutopilotArguments {
         }
         let patience = self.patience().min(flight::CONNECT_PATIENCE);
         eprintln!(
-            "waiting for an autopilot at {}, {} s at most",
+            "waiting at most {1} s for an autopilot at {0}",
             self.link,
             patience.as_secs_f64()
         );
@@ -167,7 +171,7 @@ impl AutopilotArguments {
     }
 }
 
-/// The link as it is, or made a bad one.
+/// Returns the link, with injected faults if any are configured.
 pub(super) fn impaired(link: Box<dyn Link>, impairment: Option<&Impairment>) -> Box<dyn Link> {
     match impairment {
         Some(impairment) => Box::new(Impaired::new(link, impairment)),
@@ -175,19 +179,19 @@ pub(super) fn impaired(link: Box<dyn Link>, impairment: Option<&Impairment>) -> 
     }
 }
 
-/// What to look at, and for which mission.
+/// The options of `host-sim doctor`.
 #[derive(Debug, Args)]
 pub(crate) struct DoctorArguments {
     #[command(flatten)]
     autopilot: AutopilotArguments,
-    /// Whose mission is predicted: shipped, straight-line, fixed, search, or a file
+    /// The policy whose flight is predicted: shipped, plan, straight-line, fixed, search, or a file
     #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
-    /// Put back the parameters that an interrupted run left changed, as soon as the vehicle is
-    /// disarmed; changes nothing else
+    /// Only restore the parameters that an interrupted run left changed, as soon as the vehicle is
+    /// disarmed
     #[arg(long)]
     restore: bool,
-    /// The journal that the run left in its --out
+    /// The parameter journal that the run wrote into its --out directory
     #[arg(long, value_name = "FILE", requires = "restore", default_value_os_t = default_journal())]
     journal: PathBuf,
 }
@@ -196,17 +200,17 @@ fn default_journal() -> PathBuf {
     Path::new("out").join(journal::FILE_NAME)
 }
 
-/// Puts parameters back and says so.
+/// Restores the parameters of the journal.
 fn restore(arguments: &DoctorArguments) -> Result<(), Failure> {
     let (autopilot, file) = (&arguments.autopilot, &arguments.journal);
-    // Where a run leaves its journal, none means that nothing was left changed. Another name that is
-    // not there is a slip.
+    // A missing file with the name that runs use means that nothing was left changed; any other
+    // missing file is a typing error.
     let named_by_run = file
         .file_name()
         .is_some_and(|name| name == journal::FILE_NAME);
     if !named_by_run && !file.exists() {
         return Err(Failure::bad_input(format!(
-            "--journal {}: no such file; a run leaves {} in its --out",
+            "--journal {}: no such file; a run writes {} into its --out directory",
             file.display(),
             journal::FILE_NAME
         )));
@@ -214,7 +218,7 @@ fn restore(arguments: &DoctorArguments) -> Result<(), Failure> {
     let journal = ParameterJournal::open(file, &autopilot.link_name());
     let mut journal = journal.map_err(Failure::bad_input)?;
     if journal.is_empty() {
-        println!("{}: nothing is to be put back", file.display());
+        println!("{}: no parameters to restore", file.display());
         return Ok(());
     }
     let scenario = load_scenario(&autopilot.scenario)?;
@@ -223,13 +227,13 @@ fn restore(arguments: &DoctorArguments) -> Result<(), Failure> {
     journal::restore(&mut session, &mut client, &mut journal, &stop, say)
         .map_err(Failure::failed)?;
     println!(
-        "all parameters are as they were; {} is gone",
+        "all parameters were restored; {} was deleted",
         file.display()
     );
     Ok(())
 }
 
-/// Looks and says what was found; fails if a mission would not start.
+/// Examines the autopilot and prints the diagnosis. Fails if a mission would not start.
 pub(crate) fn execute(arguments: &DoctorArguments) -> Result<(), Failure> {
     if arguments.restore {
         return restore(arguments);

@@ -1,4 +1,4 @@
-//! `host-sim experiment`: the paper's figures.
+//! `host-sim experiment`: reproduces the paper's figures.
 
 use std::{
     env::consts::EXE_SUFFIX,
@@ -12,34 +12,35 @@ use indicatif::ProgressBar;
 
 use super::{Failure, bound::style};
 
-/// What to make.
+/// The options of `host-sim experiment`.
 #[derive(Debug, Args)]
 pub(crate) struct ExperimentArguments {
-    /// A figure, or all of them; bounds: the certificates alone; report: page and drawings again
-    /// from the CSV files that are there; cards: the card of the shipped policies
+    /// The figure to reproduce, or one of: all (every figure), bounds (only the certified bounds),
+    /// report (drawings and page from the existing CSV files, without measuring), cards (the model
+    /// card of the shipped policies)
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
-    /// Where NAME.csv, NAME.svg and index.html go, and trainings and new bounds
+    /// Output directory for NAME.csv, NAME.svg, index.html, trained policies and new bounds
     #[arg(long, default_value = "out/experiment", value_name = "DIR")]
     out: PathBuf,
-    /// Where shipped policies (cells/*.onnx), bounds.csv and learning_curves.csv lie
+    /// Directory with the shipped policies (cells/*.onnx), bounds.csv and learning_curves.csv
     #[arg(long, default_value = "models", value_name = "DIR")]
     models: PathBuf,
-    /// Train the policies that are missing with the trainer beside this program: some three minutes
-    /// each on one core. Runs are kept in DIR: what is finished is never trained again, what was
-    /// stopped goes on
+    /// Train the missing policies with the program `trainer`, which must be in the directory of this
+    /// program. A training takes about three minutes on one core. Runs are stored in --out: finished
+    /// runs are not repeated, and interrupted runs are continued
     #[arg(long)]
     train: bool,
-    /// Seeds of a training that are flown, where they are there
+    /// Largest number of training seeds to fly for each mission
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=16))]
     seeds: u64,
-    /// Certify every bound anew instead of reading bounds.csv
+    /// Compute every bound again instead of reading bounds.csv
     #[arg(long)]
     fresh: bool,
-    /// With all or report: also write the page of results (docs/results.md)
+    /// With all or report: also write the page of results (docs/results.md) to this file
     #[arg(long, value_name = "FILE")]
     results: Option<PathBuf>,
-    /// With bounds: also put the table between the marks of this page (docs/bound.md)
+    /// With bounds: also write the table between the marks in this document (docs/bound.md)
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
 }
@@ -55,7 +56,7 @@ fn names() -> Vec<&'static str> {
     figures.into_iter().chain(others).collect()
 }
 
-/// Shows what is being done on a terminal.
+/// Displays the current step on the terminal.
 #[derive(Debug)]
 struct Spinner(ProgressBar);
 
@@ -66,7 +67,7 @@ impl Watcher for Spinner {
     }
 }
 
-/// Does it.
+/// Measures figures and writes their files, or computes bounds, or writes the model card.
 pub(crate) fn execute(arguments: &ExperimentArguments) -> Result<(), Failure> {
     let out = &arguments.out;
     if arguments.name == REPORT {
@@ -107,7 +108,7 @@ pub(crate) fn execute(arguments: &ExperimentArguments) -> Result<(), Failure> {
     outcome.map_err(Failure::failed)
 }
 
-/// Drawings, pages, and the verdicts in words.
+/// Writes drawings and pages, and prints the paper's claims with their verdicts.
 fn conclude(arguments: &ExperimentArguments, measured: &[Experiment]) -> Result<(), Failure> {
     let out = &arguments.out;
     let mut stdout = std::io::stdout().lock();
@@ -125,14 +126,14 @@ fn conclude(arguments: &ExperimentArguments, measured: &[Experiment]) -> Result<
         return Ok(());
     }
     report::write_index(out).map_err(Failure::failed)?;
-    writeln!(stdout, "all of them: {}", out.join("index.html").display())?;
+    writeln!(stdout, "all figures: {}", out.join("index.html").display())?;
     match &arguments.results {
         Some(path) => report::write_results(out, path).map_err(Failure::failed),
         None => Ok(()),
     }
 }
 
-/// Every certificate of the figures' missions, and their table.
+/// Computes the bounds of all missions of the figures and prints them.
 fn bounds(
     context: &mut ExperimentContext<'_>,
     spinner: &Spinner,
@@ -143,7 +144,7 @@ fn bounds(
         let row = context.bound(&cell).map_err(Failure::failed)?;
         let gap = 100.0 * (row.upper - row.lower) / row.upper;
         let line = format!(
-            "{cell}: upper {:.4}, lower {:.4}, gap {gap:.3} %, {:.1} s, {:.1} s of processors",
+            "{cell}: upper {:.4}, lower {:.4}, gap {gap:.3} %, {:.1} s, {:.1} s of processor time",
             row.upper, row.lower, row.seconds, row.processor_seconds
         );
         spinner
@@ -158,8 +159,8 @@ fn bounds(
     }
 }
 
-/// The trainer depends on this program's library and not the other way round, so it is called as
-/// a program.
+/// Returns the path of the program `trainer`. It is started as a process because this program does
+/// not depend on the trainer's library.
 fn trainer() -> Result<PathBuf, Failure> {
     let here = std::env::current_exe().map_err(Failure::failed)?;
     let trainer = here.with_file_name(format!("trainer{EXE_SUFFIX}"));
@@ -167,7 +168,7 @@ fn trainer() -> Result<PathBuf, Failure> {
         return Ok(trainer);
     }
     Err(Failure::bad_input(format!(
-        "--train needs the trainer at {}: cargo build --release -p trainer builds it",
+        "--train needs the program {}; build it with `cargo build --release -p trainer`",
         trainer.display()
     )))
 }

@@ -1,5 +1,6 @@
-//! `host-sim faults`: a mission with a board whose ground link is damaged by seeded schedules,
-//! beside its twin in this process; `cargo xtask firmware faults` strings many of them together.
+//! `host-sim faults`: flies a mission with a board while seeded schedules inject faults into its
+//! ground link, and compares it with the same controller in this process. `cargo xtask firmware
+//! faults` runs many of these missions.
 
 use std::path::PathBuf;
 
@@ -17,33 +18,37 @@ use vehicle::{Profile, Vehicle};
 
 use super::Failure;
 
-/// What is flown, and with which faults.
+/// The options of `host-sim faults`.
 #[derive(Debug, Args)]
 pub(crate) struct FaultsArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// The board: its ground link is at PORT, MAVLink at PORT + 1 and the console at PORT + 2
+    /// Address of the board: ground link at PORT, MAVLink at PORT + 1, console at PORT + 2
     #[arg(long, value_name = "HOST:PORT")]
     board: HostPort,
-    /// The policy in the board's flash, for its twin: as `trainer convert` writes it
+    /// The .policy file (from `trainer convert`) that is in the board's flash memory, for the controller
+    /// in this process
     #[arg(long, value_name = "FILE")]
     policy: PathBuf,
-    /// Fault schedules, of three slots each, the last of them clean
+    /// Number of fault schedules; each lasts three slots, the last of which has no faults
     #[arg(long, default_value_t = 20)]
     schedules: u32,
-    /// Of the schedules and the damage
+    /// Seed of the schedules and the faults
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
 
-/// Flies both; prints what was injected and counted as a JSON object.
+/// Flies with both controllers and prints the injected faults and the board's counters as a JSON
+/// object.
 pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
-    let room = scenario.mission.slots() / SLOTS_EACH;
-    if arguments.schedules > room {
+    let schedules_max = scenario.mission.slots() / SLOTS_EACH;
+    if arguments.schedules > schedules_max {
         return Err(Failure::bad_input(format!(
-            "--schedules {}: the mission has room for {room}, of {SLOTS_EACH} slots each",
-            arguments.schedules
+            "--schedules is {}, but a mission of {} slots has at most {schedules_max} schedules of \
+             {SLOTS_EACH} slots",
+            arguments.schedules,
+            scenario.mission.slots()
         )));
     }
     let named = |error| Failure::bad_input(format!("{}: {error}", arguments.policy.display()));
@@ -58,7 +63,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
         events: Events::default(),
     };
     let mut order = order(&scenario, settings.profile, PolicyKind::Trained);
-    // Schedules are silent for longer than a mission may be.
+    // Some schedules interrupt the link for longer than a mission allows.
     order.ground_patience = None;
     let twin = Twin::new(&order, Some(policy.into())).map_err(Failure::bad_input)?;
     let image = Image::connect(&arguments.board, &order).map_err(Failure::failed)?;

@@ -1,4 +1,5 @@
-//! The command line, a module per subcommand: reads arguments, calls the library, prints.
+//! The command line, with a module per subcommand. Each reads its arguments, calls the library and
+//! prints the result.
 
 pub(crate) mod benchmark;
 pub(crate) mod board;
@@ -27,31 +28,31 @@ use host_sim::{
 };
 use indicatif::{ProgressBar, ProgressDrawTarget};
 
-/// Why a command did not succeed.
+/// The reason why a command failed.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// What was asked for cannot be: exit code 2.
+    /// Bad usage or bad input: exit code 2.
     BadInput(String),
-    /// It was tried and failed: exit code 1.
+    /// The command was executed and failed: exit code 1.
     Failed(String),
-    /// A person ended it with ctrl-C before it was over: exit code 130.
+    /// The user ended the command with Ctrl-C: exit code 130.
     Interrupted(String),
-    /// Whoever read our output has had enough, which is no failure.
+    /// The reader of standard output closed the pipe: exit code 0.
     BrokenPipe,
 }
 
 impl Failure {
-    /// Bad usage or input, in one line.
+    /// Returns an error for bad usage or bad input. `problem` is one line.
     pub(crate) fn bad_input(problem: impl Display) -> Self {
         Self::BadInput(problem.to_string())
     }
 
-    /// A run that failed, in one line.
+    /// Returns an error for a command that failed. `problem` is one line.
     pub(crate) fn failed(problem: impl Display) -> Self {
         Self::Failed(problem.to_string())
     }
 
-    /// Prints the line and gives the exit code.
+    /// Prints the error on one line and returns the exit code.
     pub(crate) fn report(self) -> ExitCode {
         let (problem, code) = match self {
             Self::BrokenPipe => return ExitCode::SUCCESS,
@@ -73,7 +74,7 @@ impl From<io::Error> for Failure {
     }
 }
 
-/// Where progress is drawn: standard error if somebody sees it there.
+/// Returns the target for progress bars: standard error if it is a terminal.
 pub(crate) fn terminal() -> ProgressDrawTarget {
     if io::stderr().is_terminal() {
         ProgressDrawTarget::stderr()
@@ -82,13 +83,13 @@ pub(crate) fn terminal() -> ProgressDrawTarget {
     }
 }
 
-/// The scenario that `--scenario` names: a file, or the name of a shipped one.
+/// Loads the scenario named by `--scenario`: a file, or a shipped scenario.
 pub(crate) fn load_scenario(argument: &Path) -> Result<Scenario, Failure> {
     Scenario::named(argument).map_err(Failure::bad_input)
 }
 
-/// The policy that `--policy` names, and its name in records. A search or a plan shows how far it
-/// is.
+/// Loads the policy named by `--policy`, and returns it with its name for records. Displays the
+/// progress of a search or a plan.
 pub(crate) fn load_policy(
     choice: &PolicyChoice,
     scenario: &Scenario,
@@ -97,7 +98,7 @@ pub(crate) fn load_policy(
     let loaded = HostPolicy::load_watched(choice, scenario, |progress| {
         spinner.set_message(match progress {
             LoadProgress::Search(progress) => format!(
-                "searching: {:.3} bit/s/Hz found, at most {:.3}, {} parts",
+                "searching: {:.3} bit/s/Hz found, upper bound {:.3}, {} subproblems",
                 progress.lower, progress.upper, progress.leaves
             ),
             LoadProgress::Plan(progress) => {

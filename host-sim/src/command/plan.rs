@@ -10,34 +10,34 @@ use serde::Serialize;
 
 use super::{Failure, bound::style, terminal};
 
-/// Which mission to plan, and what to write.
+/// The options of `host-sim plan`.
 #[derive(Debug, Args)]
 pub(crate) struct PlanArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// Write the waypoints as a mission of QGroundControl; the name ends in .plan
+    /// Write the waypoints as a QGroundControl mission; the file name must end in .plan
     #[arg(long, value_name = "F.plan")]
     out: Option<PathBuf>,
-    /// Print the plan with its waypoints and users as JSON
+    /// Print the plan with its waypoints and served users as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// What `--json` prints.
+/// The output of `--json`.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+struct PlanReport<'a> {
     scenario: &'a str,
     #[serde(flatten)]
     plan: &'a PlannedMission,
 }
 
-/// Plans and prints.
+/// Plans the mission, prints the result, and writes the file if requested.
 pub(crate) fn execute(arguments: &PlanArguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.out
         && path.extension().is_none_or(|extension| extension != "plan")
     {
         return Err(Failure::bad_input(format!(
-            "--out {}: the name of the file must end in .plan",
+            "--out {}: the file name must end in .plan",
             path.display()
         )));
     }
@@ -50,14 +50,17 @@ pub(crate) fn execute(arguments: &PlanArguments) -> Result<(), Failure> {
     .map_err(Failure::bad_input)?;
     spinner.finish_and_clear();
     if let Some(path) = &arguments.out {
-        let text = ground_control::plan_file(&scenario, &planned.waypoints)
-            .ok_or_else(|| Failure::bad_input("--out: a mission has at most 65000 waypoints"))?;
+        let text = ground_control::plan_file(&scenario, &planned.waypoints).ok_or_else(|| {
+            Failure::bad_input(
+                "--out: a .plan file holds at most 65000 waypoints, but the mission has more",
+            )
+        })?;
         fs::write(path, text)
             .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
     }
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        let report = Report {
+        let report = PlanReport {
             scenario: &scenario.name,
             plan: &planned,
         };
@@ -68,16 +71,16 @@ pub(crate) fn execute(arguments: &PlanArguments) -> Result<(), Failure> {
     writeln!(out, "scenario  {}", scenario.name)?;
     writeln!(
         out,
-        "total     {:.4} bit/s/Hz: host-sim run --policy plan flies it",
+        "sum rate  {:.4} bit/s/Hz (host-sim run --policy plan flies this plan)",
         planned.sum_rate
     )?;
     match planned.upper_estimate.zip(planned.gap_estimate) {
         Some((upper, gap)) => writeln!(
             out,
-            "gap       {:.2} % (an estimate: at most about {upper:.4}; host-sim bound certifies)",
+            "gap       {:.2} % (estimated upper bound {upper:.4}; host-sim bound computes a certified one)",
             100.0 * gap
         )?,
-        None => writeln!(out, "gap       unknown: there is one way to fly")?,
+        None => writeln!(out, "gap       unknown: the mission allows only one path")?,
     }
     writeln!(
         out,

@@ -1,4 +1,4 @@
-//! `host-sim run`: flies one mission and writes what came of it.
+//! `host-sim run`: flies one mission and writes its report.
 
 use std::{io::Write, path::PathBuf, str::FromStr};
 
@@ -23,77 +23,79 @@ use vehicle::{Profile, Vehicle};
 
 use super::{
     Failure,
-    board::{BoardChoice, OpenBoard, footprint_in_words},
+    board::{BoardChoice, OpenBoard, footprint_line},
     doctor::{OwnAddressArguments, parse_mps},
     load_policy, terminal,
 };
 
-/// How to fly.
+/// The options of `host-sim run`.
 #[derive(Debug, Args)]
 pub(crate) struct RunArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// Who decides: shipped (the policy that was trained for a shipped scenario; plan for any other),
-    /// plan (the onboard planner, for any mission), straight-line, fixed, search, or a file: .onnx
-    /// or .policy (a trained policy), .csv or .plan (waypoints that were planned elsewhere)
+    /// The policy: shipped (the policy that was trained for a shipped scenario, plan for any other
+    /// scenario), plan (the onboard planner), straight-line, fixed, search, or a file: .onnx or
+    /// .policy (a trained policy), .csv or .plan (planned waypoints)
     #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
-    /// How the powers of a slot are chosen: exact, alternating (the paper's Alg. 1), or its
-    /// comparison schemes fixed-user-power[:WATTS] and fixed-sensor-power[:WATTS] (without
-    /// WATTS the scenario's largest power)
+    /// How the powers of a slot are allocated: exact, alternating (the paper's Alg. 1), or one of the
+    /// paper's comparison schemes, fixed-user-power[:WATTS] and fixed-sensor-power[:WATTS] (default
+    /// of WATTS: the scenario's largest power)
     #[arg(long, default_value = "exact", value_name = "METHOD")]
     inner: Allocation,
-    /// Which vehicle: ideal, multirotor, arducopter or px4; without it ideal where it is built in,
-    /// elsewhere what the autopilot's heartbeat says
+    /// The vehicle profile: ideal, multirotor, arducopter or px4 [default: ideal for the built-in
+    /// vehicle, otherwise according to the autopilot's heartbeat]
     #[arg(long, value_parser = Profile::from_str)]
     profile: Option<Profile>,
-    /// Where the vehicle is: builtin, udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or
-    /// serial:DEVICE:BAUD
+    /// The MAVLink link to the vehicle: builtin (the built-in vehicle in this process),
+    /// udpout:HOST:PORT, udpin:HOST:PORT, tcpout:HOST:PORT or serial:DEVICE:BAUD
     #[arg(long, default_value = "builtin")]
     link: LinkAddress,
-    /// A ground station beside, as often as needed: hears all that passes between the client and
-    /// the vehicle; what it sends goes to the vehicle
+    /// The link to an additional ground station; may be given several times. The ground station
+    /// receives all messages between the client and the vehicle, and its messages are forwarded to
+    /// the vehicle
     #[arg(long, value_name = "LINK")]
     also: Vec<LinkAddress>,
-    /// Sign what is sent and take only what is signed, with the key in this file (64 hexadecimal
-    /// digits or 32 bytes, mode 600)
+    /// Sign all sent messages with the key in this file (64 hexadecimal digits or 32 bytes, mode
+    /// 600), and accept only messages with a valid signature
     #[arg(long, value_name = "FILE")]
     signing_key: Option<PathBuf>,
-    /// Set the autopilot's parameters that clip the mission's speed (host-sim doctor names them),
-    /// and put them back at the end, however it ends
+    /// Set the autopilot's parameters that limit the mission's speed (host-sim doctor lists them) for
+    /// the flight, and restore them when it ends for any reason
     #[arg(long)]
     set_params: bool,
-    /// The speed that the airframe reaches, m/s: a mission that needs more is refused before
-    /// take-off, and no trial leg is flown (with --set-params one shows it before the first slot)
+    /// Highest speed of the airframe in m/s. A mission that needs a higher speed is refused before
+    /// take-off. Without this option, --set-params makes the vehicle fly a trial leg before the first
+    /// slot to measure the speed
     #[arg(long, value_name = "MPS", value_parser = parse_mps)]
     airframe_speed: Option<f64>,
-    /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
+    /// Inject faults into the link, for example
+    /// loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
     impair: Option<Impairment>,
     #[command(flatten)]
     own: OwnAddressArguments,
     #[command(flatten)]
     board: BoardChoice,
-    /// How fast time passes: so many seconds of flight a second, or max
+    /// Simulation speed relative to real time, or max for as fast as possible
     #[arg(long, default_value = "max", value_parser = parse_pace, value_name = "X|max")]
     speed: Pace,
-    /// Of the symbols and the noise that are drawn
+    /// Seed of the random symbols and the noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-
     /// Changes of the mission in flight: a TOML file (docs/formats.md) with users and sensors that
     /// move, join or leave, and new values of the threshold, noise, speed limit or number of slots,
     /// each from a slot on
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
-    /// Symbols drawn in each slot for the empirical MSE
+    /// Number of symbols that are transmitted in each slot to measure the MSE
     #[arg(long, default_value_t = SYMBOLS_PER_SLOT, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     symbols: u32,
-    /// Where to write summary.json, slots.csv, report.html, the MAVLink log and, while parameters of
-    /// the vehicle are changed, their journal
+    /// Output directory for summary.json, slots.csv, report.html, the MAVLink log and, while
+    /// parameters of the vehicle are changed, their journal
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// Print summary.json on standard output, and nothing else there
+    /// Print only the contents of summary.json on standard output
     #[arg(long)]
     json: bool,
 }
@@ -110,17 +112,19 @@ fn parse_pace(text: &str) -> Result<Pace, String> {
     }
 }
 
-/// Flies, writes, prints.
+/// Flies the mission, writes the report and prints the summary.
 pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     let scenario = arguments.mission.load().map_err(Failure::bad_input)?;
     let allowed = arguments.inner.check(&scenario.mission);
     allowed.map_err(Failure::bad_input)?;
-    if arguments.board.is_asked_for() {
+    if arguments.board.is_selected() {
         return fly_board(arguments, &scenario);
     }
     let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
-        eprintln!("no trained policy is shipped for this mission: {policy_name} flies");
+        eprintln!(
+            "no trained policy is shipped for this mission; flying with --policy {policy_name}"
+        );
     }
     if let Some(warning) = policy.foreign_mission(&scenario) {
         eprintln!("warning: {policy_name}: {warning}");
@@ -138,7 +142,7 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     }
 }
 
-/// As [`execute`], with a board's controller.
+/// Like [`execute`], with the controller of a board.
 fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failure> {
     if arguments.inner != Allocation::Exact
         || arguments.signing_key.is_some()
@@ -146,20 +150,21 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
         || arguments.airframe_speed.is_some()
     {
         return Err(Failure::bad_input(
-            "a board allocates by --inner exact, neither signs nor sets parameters, and flies what \
-             it is told: --signing-key, --set-params and --airframe-speed are for --controller \
-             in-process --precision f64",
+            "a board supports only --inner exact, and neither signs messages nor sets parameters: \
+             --signing-key, --set-params and --airframe-speed need --controller in-process \
+             --precision f64",
         ));
     }
     if arguments.own.is_given() {
         return Err(Failure::bad_input(
-            "a board speaks as the onboard computer of its vehicle: --system-id and \
-             --component-id are for --controller in-process --precision f64",
+            "a board always uses the MAVLink address of an onboard computer: --system-id and \
+             --component-id need --controller in-process --precision f64",
         ));
     }
     if arguments.link != LinkAddress::Builtin && arguments.profile.is_none() {
         return Err(Failure::bad_input(
-            "a board is told its vehicle's limits before it hears the vehicle: give --profile",
+            "a board needs the limits of its vehicle before it connects to the vehicle: --profile \
+             must be given",
         ));
     }
     let chosen = (&arguments.policy, arguments.profile.unwrap_or_default());
@@ -235,18 +240,18 @@ fn fly(
     end(flown, arguments)
 }
 
-/// Whether events are shown when they happen. The built-in vehicle without a pace flies a mission
-/// in a moment, and its events are shown only where that fails.
+/// Returns whether events are displayed when they happen. With the built-in vehicle at full speed a
+/// mission takes only a moment, and its events are displayed only if the flight fails.
 fn shows_events(arguments: &RunArguments) -> bool {
     arguments.link != LinkAddress::Builtin || arguments.speed != Pace::Max
 }
 
-/// An event in a line.
+/// Formats an event as one line.
 fn line(event: &FlightEvent) -> String {
     format!("{:9.2} s  {}", event.time_s, event.text)
 }
 
-/// What came of a flight.
+/// Writes the report of a flight that was completed or failed, and returns its error.
 fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> Result<(), Failure> {
     let failed = match flown {
         Ok(record) => return conclude(&record, arguments),
@@ -258,7 +263,8 @@ fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> R
                 eprintln!("{}", line(event));
             }
         }
-        // What was flown is worth a report, and the cause of its end more than an error there.
+        // A failed flight is reported as well; its cause matters more than an error in writing the
+        // report.
         if let Err(Failure::Failed(problem)) = write_report(record, arguments) {
             eprintln!("warning: {problem}");
         }
@@ -289,7 +295,7 @@ fn connect(
         Peer::built_in(Vehicle::new(vehicle))
     } else {
         eprintln!(
-            "waiting for an autopilot at {}, {} s at most",
+            "waiting at most {1} s for an autopilot at {0}",
             arguments.link,
             flight::CONNECT_PATIENCE.as_secs_f64()
         );
@@ -319,7 +325,7 @@ fn connect(
     Ok((peer, client))
 }
 
-/// Writes the files and prints the summary.
+/// Writes the report's files and prints the summary.
 fn write_report(record: &FlightRecord, arguments: &RunArguments) -> Result<Summary, Failure> {
     let out = &arguments.out;
     let summary: Summary = report::write(record, out)
@@ -341,12 +347,13 @@ fn write_report(record: &FlightRecord, arguments: &RunArguments) -> Result<Summa
     Ok(summary)
 }
 
-/// Writes the report of a mission that was flown to its end, and says whether it went as asked.
+/// Writes the report of a completed mission. Fails if the vehicle did not arrive or a constraint was
+/// violated.
 fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failure> {
     let summary = write_report(record, arguments)?;
     if summary.mse_violations > 0 {
         eprintln!(
-            "warning: the average was less accurate than asked in {} of {} slots",
+            "warning: the MSE exceeded the threshold in {} of {} slots",
             summary.mse_violations, summary.slots
         );
     }
@@ -354,24 +361,24 @@ fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failu
         return Ok(());
     }
     Err(Failure::failed(format!(
-        "flown to the end, but {}: {:.1} m from the destination, {} constraints broken; a vehicle \
-         that is slower than the mission asks cannot do better: host-sim doctor names the \
-         parameters, --set-params sets them for the flight",
+        "the mission was flown to its last slot, but {}: {:.1} m from the destination, {} constraint \
+         violations; if the vehicle is slower than the mission requires, host-sim doctor lists the \
+         parameters that limit it, and --set-params sets them for the flight",
         if summary.arrived {
-            "not as asked"
+            "violates its constraints"
         } else {
-            "not arrived"
+            "did not reach the destination"
         },
         summary.arrival_distance_m,
         summary.constraint_violations
     )))
 }
 
-/// A progress bar over slots on a terminal, events above it, and ctrl-C.
+/// Displays a progress bar over the slots and the events above it, and watches for Ctrl-C.
 struct Show {
     bar: ProgressBar,
     data: f64,
-    /// Events are shown when they happen.
+    /// Whether events are displayed when they happen.
     events: bool,
     presses: Presses,
 }
@@ -396,7 +403,7 @@ impl Observer for Show {
     fn slot(&mut self, slot: &SlotRecord) {
         self.data += slot.rate;
         self.bar.set_message(format!(
-            "user {} {:.3} bit/s/Hz, {:.2} in all",
+            "user {} {:.3} bit/s/Hz, sum {:.2}",
             slot.user_name(),
             slot.rate,
             self.data

@@ -1,4 +1,4 @@
-//! `host-sim scenario new|random|check|show`.
+//! `host-sim scenario new|random|check|show`: generates, checks and draws scenarios.
 
 use std::{
     fs::File,
@@ -13,68 +13,68 @@ use scenario::{Course, Layout, Scenario, Topology, generate_on, random};
 
 use super::{Failure, load_scenario};
 
-/// What to do with scenarios.
+/// The subcommands of `host-sim scenario`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Make a scenario: Table I's parameters on a layout drawn at random
+    /// Generate a scenario with the parameters of Table I and a random layout
     New(NewArguments),
-    /// Draw whole missions from the benchmark's distribution
+    /// Generate random missions from the benchmark's distribution
     Random(RandomArguments),
-    /// Read a scenario and say what is wrong with it, or that nothing is
+    /// Check whether a scenario is valid, and report the first error if it is not
     Check {
-        /// The file, or the name of a shipped scenario: separated, mixed
+        /// A TOML file, or the name of a shipped scenario: separated, mixed
         scenario: PathBuf,
     },
-    /// Draw a scenario as a map of characters with its parameters, or as a picture
+    /// Print the parameters of a scenario with a map in text characters, or draw it as SVG
     Show {
-        /// The file, or the name of a shipped scenario: separated, mixed
+        /// A TOML file, or the name of a shipped scenario: separated, mixed
         #[arg(default_value = "separated")]
         scenario: PathBuf,
-        /// Print the map as an SVG picture instead
+        /// Print the map as SVG instead
         #[arg(long)]
         svg: bool,
     },
 }
 
-/// How to make one.
+/// The options of `host-sim scenario new`.
 #[derive(Debug, Args)]
 pub(crate) struct NewArguments {
-    /// How users and sensors lie to one another
+    /// Arrangement of users and sensors
     #[arg(long, value_enum, default_value = "separated")]
     topology: Topology,
-    /// Which layout
+    /// Seed of the random layout
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// How many users (M)
+    /// Number of users (M)
     #[arg(long, default_value_t = 15)]
     users: usize,
-    /// How many sensors (J)
+    /// Number of sensors (J)
     #[arg(long, default_value_t = 36)]
     sensors: usize,
-    /// Its MSE threshold (Gamma) [default: 0.54 / sensors, the paper's 0.015 for 36]
+    /// MSE threshold (Gamma) [default: 0.54 / sensors, which is the paper's 0.015 for 36 sensors]
     #[arg(long, value_name = "GAMMA")]
     mse_threshold: Option<f64>,
-    /// How many slots (N)
+    /// Number of slots (N)
     #[arg(long, default_value_t = Course::default().slots, value_name = "N")]
     slots: u32,
-    /// The extent of the area, m; the layout is spread over it
+    /// Size of the area in m; the layout is scaled to it
     #[arg(long, default_value = "1000,1000", value_name = "EAST,NORTH", value_parser = pair)]
     area_m: [f64; 2],
-    /// Where the mission starts, m [default: near the south-west corner]
+    /// Start of the mission in m [default: near the south-west corner]
     #[arg(long, value_name = "EAST,NORTH", value_parser = pair)]
     start_m: Option<[f64; 2]>,
-    /// Where it ends, m [default: near the north-east corner]
+    /// Destination of the mission in m [default: near the north-east corner]
     #[arg(long, value_name = "EAST,NORTH", value_parser = pair)]
     destination_m: Option<[f64; 2]>,
-    /// Where to write it; standard output without
+    /// File to write [default: standard output]
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Replace a file that is there
+    /// Replace an existing file
     #[arg(long, requires = "out")]
     overwrite: bool,
 }
 
-/// Reads two numbers with a comma between them.
+/// Parses two numbers that are separated by a comma.
 fn pair(text: &str) -> Result<[f64; 2], String> {
     let read = |part: &str| part.trim().parse().ok().filter(|x: &f64| x.is_finite());
     let numbers = text
@@ -84,29 +84,28 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
     Ok([east, north])
 }
 
-/// Which missions to draw.
+/// The options of `host-sim scenario random`.
 #[derive(Debug, Args)]
 pub(crate) struct RandomArguments {
-    /// The seed of the first mission; the next ones have the seeds that follow
+    /// Seed of the first mission; the following missions have the following seeds
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// How many missions
+    /// Number of missions
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     count: u64,
-    /// The layout of both users and sensors [default: each has one that is drawn]
+    /// Layout of both users and sensors [default: a random layout for each]
     #[arg(long, value_enum)]
     layout: Option<Layout>,
-    /// The directory to write random-SEED.toml files into; one mission without it goes to standard
-    /// output
+    /// Directory for the files random-SEED.toml [default: standard output, for one mission only]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace files that are there
+    /// Replace existing files
     #[arg(long, requires = "out")]
     overwrite: bool,
 }
 
-/// Draws missions and writes them.
-fn draw(arguments: &RandomArguments, out: &mut impl Write) -> Result<(), Failure> {
+/// Generates random missions and writes them.
+fn write_random(arguments: &RandomArguments, out: &mut impl Write) -> Result<(), Failure> {
     if arguments.out.is_none() && arguments.count != 1 {
         return Err(Failure::bad_input(format!(
             "--count is {}: more than one mission needs --out DIR",
@@ -130,7 +129,7 @@ fn draw(arguments: &RandomArguments, out: &mut impl Write) -> Result<(), Failure
     Ok(())
 }
 
-/// Does it.
+/// Executes the subcommand.
 pub(crate) fn execute(command: Command) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     match command {
@@ -160,7 +159,7 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
                 None => out.write_all(text.as_bytes())?,
             }
         }
-        Command::Random(arguments) => draw(&arguments, &mut out)?,
+        Command::Random(arguments) => write_random(&arguments, &mut out)?,
         Command::Check { scenario } => {
             let loaded = load_scenario(&scenario)?;
             writeln!(
@@ -190,7 +189,8 @@ pub(crate) fn execute(command: Command) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Where on Earth the mission is: an autopilot in simulation is started at its start.
+/// Formats the geographic positions of origin, start and destination. A simulated autopilot is
+/// started at the start.
 fn places(scenario: &Scenario) -> String {
     let p = scenario.mission.parameters();
     let frame = MapFrame::<f64>::new(scenario.map_origin());
@@ -214,7 +214,7 @@ fn places(scenario: &Scenario) -> String {
     lines
 }
 
-/// Writes a file that is not there yet, or may be replaced.
+/// Writes a file. An existing file is an error unless `overwrite` is set.
 fn save(path: &Path, text: &str, overwrite: bool) -> Result<(), Failure> {
     let file = File::options()
         .write(true)
@@ -227,7 +227,7 @@ fn save(path: &Path, text: &str, overwrite: bool) -> Result<(), Failure> {
         Ok(mut file) => file.write_all(text.as_bytes()).map_err(failed),
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
             Err(Failure::bad_input(format!(
-                "{} is there already; --overwrite replaces it",
+                "{} exists already; use --overwrite to replace it",
                 path.display()
             )))
         }
@@ -235,7 +235,7 @@ fn save(path: &Path, text: &str, overwrite: bool) -> Result<(), Failure> {
     }
 }
 
-/// The mission in a line.
+/// Describes the mission in one line.
 fn facts(scenario: &Scenario) -> String {
     let mission = &scenario.mission;
     let p = mission.parameters();
@@ -253,7 +253,7 @@ fn facts(scenario: &Scenario) -> String {
     )
 }
 
-/// Users `U`, sensors `s`, start `A`, destination `B`, north up.
+/// Draws a map in text characters: users `U`, sensors `s`, start `A`, destination `B`; north is up.
 fn map(scenario: &Scenario) -> String {
     const COLUMNS: usize = 64;
     const ROWS: usize = 32;

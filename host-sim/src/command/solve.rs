@@ -1,4 +1,4 @@
-//! `host-sim solve`: slot problems as JSON lines.
+//! `host-sim solve`: solves slot problems that are given as JSON lines.
 
 use std::{
     fs::File,
@@ -11,28 +11,27 @@ use reference::solve::{self, Method, Precision};
 
 use super::Failure;
 
-/// What to solve, and how.
+/// The options of `host-sim solve`.
 #[derive(Debug, Args)]
 pub(crate) struct SolveArguments {
-    /// Which solver
+    /// The solver
     #[arg(long, value_enum, default_value_t)]
     method: Method,
-    /// The arithmetic of the solver
+    /// Floating-point precision of the solver
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
-    /// Slot problems, a JSON object a line; standard input without. A line that is none is
-    /// answered with {"error": ..}, and the exit code is 2 at the end. Fields: sensor_gain (array),
-    /// user_gain, sensor_power_max, user_power_max, noise_power (W), mse_threshold
+    /// File with one slot problem per line, each a JSON object with the fields sensor_gain (array),
+    /// user_gain, sensor_power_max, user_power_max, noise_power (W) and mse_threshold [default:
+    /// standard input]. For an invalid line {"error": ..} is printed, and the exit code is 2
     file: Option<PathBuf>,
 }
 
-/// Answers line by line on standard output; lines that were no problem are counted on standard
-/// error.
+/// Solves the problems line by line and prints the results on standard output. The number of invalid
+/// lines is printed on standard error.
 pub(crate) fn execute(arguments: &SolveArguments) -> Result<(), Failure> {
     if !arguments.method.supports(arguments.precision) {
         return Err(Failure::bad_input(
-            "--precision is f32, but --method conic and conic-alternating need f64: their solver \
-             has no other",
+            "--precision is f32, but --method conic and conic-alternating support only f64",
         ));
     }
     let input: Box<dyn BufRead> = match &arguments.file {
@@ -41,7 +40,7 @@ pub(crate) fn execute(arguments: &SolveArguments) -> Result<(), Failure> {
             let file = File::open(path).map_err(named)?;
             if file.metadata()?.is_dir() {
                 return Err(Failure::bad_input(format!(
-                    "{}: is a folder",
+                    "{}: is a directory, but must be a file",
                     path.display()
                 )));
             }
@@ -54,11 +53,11 @@ pub(crate) fn execute(arguments: &SolveArguments) -> Result<(), Failure> {
         .and_then(|tally| Ok(output.flush().map(|()| tally)?));
     match solved {
         Ok(tally) if tally.errors > 0 => Err(Failure::bad_input(format!(
-            "{} of {} lines were no slot problem",
+            "{} of {} lines are not a valid slot problem",
             tally.errors, tally.lines
         ))),
         Ok(_) => Ok(()),
-        // Whoever read our output has had enough.
+        // The reader of standard output closed the pipe.
         Err(error) if is_broken_pipe(&error) => Ok(()),
         Err(error) => Err(Failure::failed(error)),
     }

@@ -1,4 +1,4 @@
-//! `host-sim upload`: plans the whole mission and hands it to an autopilot.
+//! `host-sim upload`: plans the whole mission and uploads it to an autopilot.
 
 use clap::{Args, ValueEnum};
 use environment::Allocation;
@@ -7,7 +7,7 @@ use host_sim::{
     flight::{self, FlightSettings, Pace, Peer},
     interrupt,
     policy::PolicyChoice,
-    upload::{Progress, Upload},
+    upload::{Upload, UploadProgress},
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use vehicle::{Profile, Vehicle};
@@ -17,39 +17,41 @@ use super::{Failure, load_policy, load_scenario, terminal};
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum EndingChoice {
+    /// Land at the last waypoint
     Land,
+    /// Return to the place of take-off and land there
     Return,
 }
 
-/// What to hand over, and to whom.
+/// The options of `host-sim upload`.
 #[derive(Debug, Args)]
 pub(crate) struct UploadArguments {
     #[command(flatten)]
     autopilot: AutopilotArguments,
-    /// Who plans the way-points: straight-line, fixed, or a file
+    /// The policy that plans the waypoints: shipped, plan, straight-line, fixed, search, or a file
     #[arg(long, default_value = "straight-line")]
     policy: PolicyChoice,
-    /// What follows the last way-point
+    /// What the vehicle does after the last waypoint
     #[arg(long, value_enum, default_value = "land")]
     ending: EndingChoice,
-    /// Fly it as soon as it is there: arms the motors and takes off
+    /// Start the mission after the upload: the motors are armed and the vehicle takes off
     #[arg(long)]
     start: bool,
-    /// Follow the flight until the motors stop, with exit code 0 only if the last waypoint was
-    /// reached, and put parameters back then
+    /// Follow the flight until the motors stop, then restore parameters; the exit code is 0 only if
+    /// the last waypoint was reached
     #[arg(long, requires = "start")]
     watch: bool,
-    /// Set the autopilot's parameters that clip the mission's speed. They STAY set, for the mission
-    /// flies after this command has ended; what they were is printed. After a failed upload, and with
-    /// --watch after the flight, they are put back
+    /// Set the autopilot's parameters that limit the mission's speed. They STAY set, because the
+    /// mission is flown after this command has ended; their former values are printed. They are
+    /// restored if the upload fails, and with --watch after the flight
     #[arg(long)]
     set_params: bool,
 }
 
-/// Way-points that are nearer to each other are one, m.
+/// The distance below which two waypoints count as the same, m.
 const SAME_PLACE_M: f64 = 0.5;
 
-/// Plans on the ideal vehicle, uploads, reads back, and starts if asked.
+/// Plans the mission with the ideal vehicle, uploads it, reads it back, and starts it if requested.
 pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.autopilot.scenario)?;
     let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
@@ -73,7 +75,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     .map_err(|failed| Failure::failed(format!("planning: {}", failed.error)))?;
     let mission = scenario.mission.parameters();
     let mut waypoints: Vec<_> = record.slots.iter().map(|slot| slot.planned).collect();
-    // The paper counts a place one more slot away as arrived.
+    // A position within one slot's reach of the destination counts as arrived in the paper.
     let last_m = waypoints
         .last()
         .map(|last| (mission.destination - last).norm());
@@ -102,26 +104,26 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
         &mut client,
         &stop,
         |progress| match progress {
-            Progress::Items { done, count } => {
+            UploadProgress::Items { done, count } => {
                 bar.set_length(count.into());
                 bar.set_position(done.into());
             }
-            Progress::Note(words) => bar.suspend(|| eprintln!("note: {words}")),
+            UploadProgress::Note(words) => bar.suspend(|| eprintln!("note: {words}")),
         },
     );
     bar.finish_and_clear();
     session.flush()?;
     let items = outcome.map_err(Failure::failed)?;
     let begun = match (arguments.start, arguments.watch) {
-        (_, true) => ", and flown to the end",
-        (true, false) => ", and it flies",
+        (_, true) => "; the mission was flown to its end",
+        (true, false) => "; the mission was started",
         (false, false) => "",
     };
     println!("{items} mission items uploaded and read back{begun}");
     Ok(())
 }
 
-/// Over items, on a terminal.
+/// Creates the progress bar over the mission's items.
 fn transfer_bar() -> Result<ProgressBar, Failure> {
     let style = ProgressStyle::with_template("item {pos}/{len} {wide_bar} {elapsed}")
         .map_err(Failure::failed)?;

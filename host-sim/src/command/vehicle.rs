@@ -1,4 +1,4 @@
-//! `host-sim vehicle`: the built-in vehicle as a process of its own.
+//! `host-sim vehicle`: runs the built-in vehicle as a separate process.
 
 use std::{path::PathBuf, str::FromStr};
 
@@ -12,40 +12,44 @@ use vehicle::{Airframe, Profile, Vehicle};
 use super::doctor::impaired;
 use super::{Failure, load_scenario};
 
-/// Which vehicle, and where.
+/// The options of `host-sim vehicle`.
 #[derive(Debug, Args)]
 pub(crate) struct VehicleArguments {
-    /// Where to speak MAVLink
+    /// The MAVLink link: udpin:HOST:PORT, udpout:HOST:PORT, tcpout:HOST:PORT or serial:DEVICE:BAUD
     #[arg(long, default_value = "udpin:127.0.0.1:14550", value_name = "LINK")]
     listen: LinkAddress,
-    /// How it behaves
+    /// The vehicle profile: ideal, multirotor, arducopter or px4
     #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
     profile: Profile,
-    /// How fast time passes: so many seconds of flight a second
+    /// Simulation speed relative to real time
     #[arg(long, default_value_t = 1.0, value_name = "X")]
     speed: f64,
-    /// Which body it flies: strong (30 m/s and more), or the stock one of the autopilot's simulator
+    /// The airframe: strong (reaches 30 m/s and more), or stock (the default one of the autopilot's
+    /// simulator)
     #[arg(long, default_value = "strong", value_parser = Airframe::from_str, value_name = "FRAME")]
     frame: Airframe,
-    /// How fast its clock runs, in seconds per second [default: the profile's]
+    /// Rate of the vehicle's clock, in its seconds per second [default: according to the profile]
     #[arg(long, value_name = "R")]
     clock_rate: Option<f64>,
-    /// Steady wind from the west, in m/s, with gusts
+    /// Speed of the mean wind from the west in m/s; gusts are added
     #[arg(long, default_value_t = 0.0, value_name = "W")]
     wind_mps: f64,
-    /// Fall silent after so many seconds of its time, with the link left open
+    /// Stop sending and receiving after this number of seconds of the vehicle's time, with the link
+    /// left open
     #[arg(long, value_name = "S")]
     die_after: Option<f64>,
-    /// The mission at whose start it stands: a TOML file, or the name of a shipped scenario
+    /// The scenario at whose start the vehicle stands: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated", value_name = "FILE")]
     scenario: PathBuf,
-    /// A parameter that differs from the profile's default, as often as needed
+    /// Set a parameter to another value than the profile's default; may be given several times
     #[arg(long = "param", value_name = "NAME=VALUE", value_parser = parse_parameter)]
     parameters: Vec<(String, f32)>,
-    /// Sign what is sent and take only what is signed, with the key in this file
+    /// Sign all sent messages with the key in this file, and accept only messages with a valid
+    /// signature
     #[arg(long, value_name = "FILE")]
     signing_key: Option<PathBuf>,
-    /// Make the link a bad one: loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
+    /// Inject faults into the link, for example
+    /// loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
     impair: Option<Impairment>,
 }
@@ -59,7 +63,7 @@ fn parse_parameter(text: &str) -> Result<(String, f32), String> {
         .ok_or_else(|| "must be NAME=NUMBER".into())
 }
 
-/// Serves until ctrl-C.
+/// Runs the vehicle until Ctrl-C.
 pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.scenario)?;
     if !(arguments.speed.is_finite() && (0.001..=1000.0).contains(&arguments.speed)) {
@@ -89,7 +93,7 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
     for (name, _) in &arguments.parameters {
         if !known.contains(&name.as_str()) {
             return Err(Failure::bad_input(format!(
-                "--param {name}: the {} vehicle has only {}",
+                "--param {name}: no such parameter; the profile {} has {}",
                 arguments.profile,
                 known.join(", ")
             )));
@@ -105,7 +109,7 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
     let link = arguments.listen.open().map_err(failed)?;
     let mut link = impaired(link, arguments.impair.as_ref());
     eprintln!(
-        "{} vehicle at {}, speed {}; ctrl-C ends it",
+        "{} vehicle at {}, speed {}; stop it with Ctrl-C",
         arguments.profile.name(),
         arguments.listen,
         arguments.speed

@@ -125,10 +125,10 @@ impl<'a> ExperimentContext<'a> {
         if let Some(row) = self.bounds.get(&digest) {
             return Ok(row.clone());
         }
-        let settings = bound::Settings::default();
+        let settings = bound::BoundSettings::default();
         let before_s = processor_seconds();
         let certificate = bound::certify(&scenario.mission, &settings, |progress| {
-            let bound::Progress { upper, lower, .. } = progress;
+            let bound::BoundProgress { upper, lower, .. } = progress;
             self.watcher
                 .busy(&format!("bound of {cell}: {lower:.3} to {upper:.3}"));
         })

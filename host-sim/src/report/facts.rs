@@ -1,5 +1,5 @@
-//! The facts below the figures: tables of outcome, mission (Table I) and run, every slot in
-//! words and numbers, and what the autopilot and its client said.
+//! The tables below the figures: outcome, mission (Table I), run, every slot, and the events of the
+//! autopilot and its client.
 
 use firmware_core::inner::LimitedBy;
 
@@ -11,7 +11,7 @@ use figures::{
     quantity::{self, count, decimal, percent, plain, power_unit, significant},
 };
 
-/// Outcome, mission and run in numbers.
+/// Returns the tables of outcome, mission and run.
 pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
     let mission = &record.scenario.mission;
     let p = mission.parameters();
@@ -46,7 +46,7 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
         ),
         ("Slots above Γ", summary.mse_violations.to_string()),
         (
-            "Constraints broken",
+            "Constraint violations",
             summary.constraint_violations.to_string(),
         ),
         (
@@ -183,7 +183,7 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
         .with(table("Run", run))
 }
 
-/// What the autopilot and its client said to one another, folded away.
+/// Returns the events of the autopilot and its client, as a collapsed section.
 pub(super) fn events(record: &FlightRecord) -> Option<Element> {
     let rows = record.events.iter().map(|event| {
         element("tr")
@@ -204,7 +204,7 @@ pub(super) fn events(record: &FlightRecord) -> Option<Element> {
     })
 }
 
-/// Names with symbols in them: `q_f` gets a subscript.
+/// Returns a name with its symbols formatted: `q_f` gets a subscript.
 fn symbols(mut cell: Element, name: &'static str) -> Element {
     let mut parts = name.split('_');
     cell = cell.text(parts.next().unwrap_or_default());
@@ -218,7 +218,7 @@ fn symbols(mut cell: Element, name: &'static str) -> Element {
     cell
 }
 
-/// Every slot in words and numbers, folded away: for readers without eyes for figures.
+/// Returns a table of all slots as a collapsed section, for readers who cannot use the figures.
 pub(super) fn slots(record: &FlightRecord) -> Element {
     if record.slots.len() > DETAILED_SLOTS_MAX {
         return element("p")

@@ -1,6 +1,5 @@
-//! Flights without a simulator: the onboard controller on the scenario's own channel model, a
-//! vehicle that is always where it was sent, and errors drawn with the variance that they
-//! should have.
+//! Flights without a simulator, for tests: the onboard controller with the scenario's channel model,
+//! a vehicle that reaches every waypoint, and errors drawn with their theoretical variance.
 
 use firmware_core::{
     autopilot::Tick,
@@ -16,7 +15,7 @@ use scenario::{Events, Scenario};
 
 const SYMBOLS: u32 = 334;
 
-/// The scenario flown by `straight-line`.
+/// Returns the record of a flight of the policy `straight-line`.
 pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
     let mission = scenario.mission.clone();
     let p = mission.parameters();
@@ -85,7 +84,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
     }
 }
 
-/// The default mission.
+/// Returns the record of the default mission.
 pub(crate) fn separated() -> FlightRecord {
     straight_line(Scenario::shipped("separated").expect("shipped"), 1)
 }

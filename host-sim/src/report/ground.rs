@@ -1,5 +1,4 @@
-//! The ground that a map is drawn on: what is in view, its scale, grid, border, scale bar and
-//! north.
+//! The background of a map: the visible region, its scale, grid, border, scale bar and north arrow.
 
 use firmware_core::Position;
 
@@ -11,25 +10,27 @@ use figures::{
 };
 use scenario::Scenario;
 
-/// Maps of long areas get no higher than this.
+/// The largest height of a map.
 const HEIGHT_MAX: f64 = 560.0;
 
-/// Metres to places in the drawing, north up, the same scale both ways.
+/// The projection from metres to coordinates of the drawing, with north up and one scale for both
+/// axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ground {
-    /// The corner of what is in view, metres.
+    /// A corner of the visible region, metres.
     south_west: Position<f64>,
-    /// The corner of what is in view, metres.
+    /// A corner of the visible region, metres.
     north_east: Position<f64>,
-    /// The upper left corner of the view in the drawing.
+    /// The upper left corner of the visible region in the drawing.
     pub(super) corner: [f64; 2],
-    /// The size of the view in the drawing.
+    /// The size of the visible region in the drawing.
     pub(super) size: [f64; 2],
     units_per_m: f64,
 }
 
 impl Ground {
-    /// The mission's area, and wherever else the vehicle was sent or flew, from `top` down.
+    /// Creates the projection for the mission's area and all waypoints and positions outside it. The
+    /// drawing begins at the vertical coordinate `top`.
     pub(super) fn new(scenario: &Scenario, flight: Option<&FlightRecord>, top: f64) -> Self {
         let area = &scenario.mission.parameters().area;
         let mut south_west = Position::new(0.0, 0.0);
@@ -40,7 +41,7 @@ impl Ground {
             let places = slots.flat_map(|slot| [slot.planned, slot.flown]);
             let step_m = view_step_m(&south_west, &north_east);
             for place in places.chain(sampled) {
-                // A hair outside is rounding, and no reason to redraw the map.
+                // A tiny distance outside the area is a rounding error and must not change the map.
                 if !place.iter().all(|value| value.is_finite()) || area.contains(&place) {
                     continue;
                 }
@@ -61,7 +62,7 @@ impl Ground {
         }
     }
 
-    /// Where a place is in the drawing.
+    /// Returns the coordinates of a position in the drawing.
     pub(super) fn of(&self, place: &Position<f64>) -> [f64; 2] {
         [
             self.corner[0] + (place.x - self.south_west.x) * self.units_per_m,
@@ -69,7 +70,7 @@ impl Ground {
         ]
     }
 
-    /// The area with grid, axes and border.
+    /// Draws the area with grid, axes and border.
     pub(super) fn draw(&self, scenario: &Scenario) -> Element {
         let area = &scenario.mission.parameters().area;
         let [west, top] = self.corner;
@@ -83,7 +84,7 @@ impl Ground {
             let about = ((high_m - low_m) / step_m).max(1.0);
             Scale::linear([low_m, high_m], [0.0, 1.0]).ticks(about as usize)
         };
-        // A narrow map has no room for all numbers side by side.
+        // A narrow map has not enough space for all numbers side by side.
         let every = |number: usize, room: f64, size: f64| {
             let fits = |every: &usize| number.div_ceil(*every) as f64 * size < room + size;
             (1..number).find(fits).unwrap_or(number.max(1))
@@ -120,7 +121,7 @@ impl Ground {
             )
     }
 
-    /// A round length of about an eighth of the view.
+    /// Returns a round length of about an eighth of the visible region.
     pub(super) fn scale_bar(&self, [x, y]: [f64; 2]) -> Element {
         let length_m = round_step(60.0 / self.units_per_m);
         let end = x + length_m * self.units_per_m;
@@ -136,12 +137,12 @@ impl Ground {
     }
 }
 
-/// From grid line to grid line, metres.
+/// Returns the distance between grid lines, metres.
 fn view_step_m(south_west: &Position<f64>, north_east: &Position<f64>) -> f64 {
     round_step((north_east - south_west).max() / 5.5)
 }
 
-/// A needle that points up.
+/// Draws the north arrow.
 pub(super) fn north([x, y]: [f64; 2]) -> Element {
     let needle = PathData::through([
         [x, y - 17.0],

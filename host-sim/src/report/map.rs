@@ -1,5 +1,4 @@
-//! The mission from above: area, users, sensors, where the vehicle was sent and where it flew,
-//! coloured by the rate it got there.
+//! The map of a mission: area, users, sensors, waypoints, and the flown path coloured by the rate.
 
 use super::{
     ground::{Ground, north},
@@ -18,8 +17,8 @@ use scenario::Scenario;
 const USER_RADIUS: f64 = 5.0;
 const LABEL_SIZE: f64 = 11.0;
 
-/// The map of a scenario, with a flight over it if there was one, below a headline if it is to
-/// stand alone.
+/// Draws the map of a scenario, with the flight if there is one, and with a headline if the drawing
+/// is a file of its own.
 pub(super) fn draw(
     scenario: &Scenario,
     flight: Option<&FlightRecord>,
@@ -100,7 +99,7 @@ fn description(scenario: &Scenario, flight: Option<&FlightRecord>) -> String {
     }
 }
 
-/// A thin line from where the vehicle was to whom it served.
+/// Draws a thin line from the vehicle's position to the served user in each slot.
 fn services(record: &FlightRecord, ground: &Ground) -> Element {
     let users = &record.scenario.mission.parameters().users;
     let mut data = PathData::default();
@@ -112,20 +111,20 @@ fn services(record: &FlightRecord, ground: &Ground) -> Element {
             data.line_to(x, y);
         }
     }
-    // Hundreds of lines would be a grey wedge that hides the ground.
+    // Hundreds of lines would hide the map.
     let opacity = (100.0 / record.slots.len().max(1) as f64).clamp(0.12, 1.0);
     data.path("service").at("stroke-opacity", opacity)
 }
 
-/// From the start through the waypoints.
+/// Draws the planned path from the start through the waypoints.
 fn planned_path(record: &FlightRecord, ground: &Ground) -> Element {
     let start = record.scenario.mission.parameters().start;
     let places = std::iter::once(&start).chain(record.slots.iter().map(|slot| &slot.planned));
     PathData::through(places.map(|place| ground.of(place))).path("plan")
 }
 
-/// The flown path: a casing that stands out from any ground, and on it a piece per slot in the
-/// colour of its rate.
+/// Draws the flown path: an outline that contrasts with the background, and on it one segment per
+/// slot in the colour of its rate.
 fn flown_path(record: &FlightRecord, ground: &Ground) -> Element {
     let pieces = pieces(record, ground);
     let whole = pieces.iter().flatten().copied();
@@ -138,8 +137,9 @@ fn flown_path(record: &FlightRecord, ground: &Ground) -> Element {
     group
 }
 
-/// Where the vehicle was in each slot, in the drawing, each piece beginning where the last one
-/// ended. Samples closer together than can be seen are left out.
+/// Returns the positions of the vehicle in each slot in coordinates of the drawing. Each slot begins
+/// with the last position of the slot before. Samples that are too close together to be
+/// distinguished are left out.
 fn pieces(record: &FlightRecord, ground: &Ground) -> Vec<Vec<[f64; 2]>> {
     let start = record.scenario.mission.parameters().start;
     let ends = slot_ends(record);
@@ -167,10 +167,10 @@ fn pieces(record: &FlightRecord, ground: &Ground) -> Vec<Vec<[f64; 2]>> {
     pieces
 }
 
-/// Up to where in the path each slot goes (the index of its last sample, which is the next
-/// one's first). A slot lasts `delta` and as long as the exchange of channel state takes, which
-/// is not in the record: its end is the sample nearest to where it ended, and of several such
-/// ones, as when hovering, the one nearest to its nominal duration.
+/// Returns the index of each slot's last sample in the path, which is also the first sample of the
+/// next slot. A slot lasts `delta` plus the duration of the exchange of channel state, which the
+/// record does not contain. Its last sample is therefore the one nearest to the position at the
+/// slot's end; of several such samples, as in hovering flight, the one nearest to the nominal time.
 fn slot_ends(record: &FlightRecord) -> Vec<usize> {
     let p = record.scenario.mission.parameters();
     let path = &record.path;
@@ -179,7 +179,7 @@ fn slot_ends(record: &FlightRecord) -> Vec<usize> {
     for slot in &record.slots {
         let nominal_s = path.get(from).map_or(0.0, |sample| sample.time_s) + p.slot_duration_s;
         let latest_s = nominal_s + 3.0 * p.slot_duration_s;
-        // Being 1 % of a slot late counts as much as being 0.02 % of its reach away.
+        // A time error of 1 % of a slot counts as much as a distance of 0.02 % of its reach.
         let late_mps = 0.02 * p.max_speed_mps;
         let misfit_m = |sample: &PathSample| {
             (sample.position - slot.flown).norm() + late_mps * (sample.time_s - nominal_s).abs()
@@ -195,8 +195,8 @@ fn slot_ends(record: &FlightRecord) -> Vec<usize> {
     ends
 }
 
-/// A dot where each slot ended, as far as there is room for dots; a cross where no choice of
-/// powers could be accurate enough.
+/// Draws a dot at the end of each slot if there is enough space, and a cross at the end of each
+/// infeasible slot.
 fn marks(record: &FlightRecord, ground: &Ground) -> Vec<Element> {
     let mut last: Option<[f64; 2]> = None;
     let mut marks = Vec::new();
@@ -214,7 +214,7 @@ fn marks(record: &FlightRecord, ground: &Ground) -> Vec<Element> {
     marks
 }
 
-/// The mark of an infeasible slot.
+/// Draws the marker of an infeasible slot.
 pub(super) fn cross([x, y]: [f64; 2], size: f64) -> Element {
     let mut data = PathData::default();
     data.move_to(x - size, y - size);
@@ -238,7 +238,7 @@ fn user_mark(place: [f64; 2]) -> Element {
     circle("user", place, USER_RADIUS)
 }
 
-/// Users, start and destination with their names; every few slots its number.
+/// Draws the labels of users, start and destination, and the numbers of some slots.
 fn labels(
     scenario: &Scenario,
     flight: Option<&FlightRecord>,
@@ -306,7 +306,8 @@ fn hover(record: &FlightRecord, ground: &Ground) -> Element {
     group
 }
 
-/// Below the map: scale bar, north, what the colours and marks mean. Gives where it ends.
+/// Draws the scale bar, the north arrow and the legend below the map. Returns the vertical
+/// coordinate of its lower edge.
 fn foot(
     scenario: &Scenario,
     flight: Option<&FlightRecord>,
@@ -362,7 +363,7 @@ fn foot(
     (group.with(legend), end)
 }
 
-/// What the colours mean: a rate from 0 to the physical limit.
+/// Draws the colour scale of the rates, from 0 to the physical limit.
 fn color_bar(limit: f64, [x, y]: [f64; 2]) -> Element {
     const STEPS: usize = 50;
     const BAR: f64 = 250.0;
@@ -370,7 +371,7 @@ fn color_bar(limit: f64, [x, y]: [f64; 2]) -> Element {
     let mut group = element("g");
     for index in 0..STEPS {
         let share = (index as f64 + 0.5) / STEPS as f64;
-        // Half a unit of overlap: no hairlines between neighbours.
+        // An overlap of half a unit avoids gaps between neighbours.
         let width = if index + 1 < STEPS { step + 0.5 } else { step };
         let cell = rectangle("swatch", [x + index as f64 * step, y - 14.0], [width, 10.0]);
         group.push(cell.set("fill", theme::viridis(share)));

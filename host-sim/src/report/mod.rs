@@ -1,17 +1,17 @@
-//! What is left of a flight for people and programs:
+//! The report of a flight, as files:
 //!
-//! | file | for |
+//! | file | purpose |
 //! |---|---|
-//! | `summary.json` | scripts: [`Summary`] |
-//! | `slots.csv` | pandas: a row per slot, units in the names of the columns |
-//! | `report.html` | people: one page, no network, light and dark, fit for print |
-//! | `map.svg` | documents: the page's map by itself |
+//! | `summary.json` | the [`Summary`], for scripts |
+//! | `slots.csv` | one row per slot, with units in the column names |
+//! | `report.html` | one page with figures and tables; it loads nothing from the network |
+//! | `map.svg` | the page's map as a separate file, for documents |
 //!
-//! `summary.json` is written last: a folder that holds one holds a whole report. Only these
-//! four files of a folder are ever touched.
+//! `summary.json` is written last, so a directory that contains it contains a complete report. Only
+//! these four files of a directory are written or deleted.
 //!
-//! Users have the numbers of the scenario file and of `slots.csv`, which begin at 0; slots have
-//! the paper's, which begin at 1.
+//! Users are numbered from 0, as in the scenario file and in `slots.csv`; slots are numbered from 1,
+//! as in the paper.
 
 mod facts;
 mod ground;
@@ -40,21 +40,22 @@ pub use table::{Look, table};
 
 /// The file that is written last.
 const SUMMARY: &str = "summary.json";
-/// All of them; the one that says that a report is whole goes first.
+/// All files of a report. The file that marks a report as complete is deleted first.
 const FILES: [&str; 4] = [SUMMARY, "report.html", "slots.csv", "map.svg"];
 
-/// Makes a folder ready for a report, before the flight that is to fill it: creates it, sees
-/// that files can be written, and removes an earlier run's report, so that a flight that fails
-/// does not look like the one before.
+/// Prepares a directory for a report before the flight: creates it, checks that files can be written,
+/// and deletes the report of an earlier run, so that it cannot be taken for the report of a flight
+/// that fails.
 ///
 /// # Errors
-/// The folder is a file, or cannot be created or written to; the message names it.
+/// Returns an error if the directory is a file or cannot be created or written to; the message names
+/// it.
 pub fn prepare(folder: &Path) -> io::Result<()> {
     let named = |error: io::Error| name(folder, error);
     if folder.exists() && !folder.is_dir() {
         let problem = io::Error::new(
             io::ErrorKind::NotADirectory,
-            "is a file, but must be a folder to write the report into",
+            "is a file, but must be a directory for the report",
         );
         return Err(named(problem));
     }
@@ -72,11 +73,12 @@ pub fn prepare(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes the report of a flight into a folder, over an earlier one, and gives the summary that
-/// it wrote. All files are complete before the first takes its name.
+/// Writes the report of a flight into a directory, replaces an earlier report, and returns the
+/// summary. All files are complete before the first one gets its final name.
 ///
 /// # Errors
-/// As [`prepare`], and a disk that is full; files begun are removed.
+/// Returns an error under the conditions of [`prepare`], or if a file cannot be written; incomplete
+/// files are deleted.
 pub fn write(record: &FlightRecord, folder: &Path) -> io::Result<Summary> {
     prepare(folder)?;
     let summary = record.summary();
@@ -92,7 +94,8 @@ pub fn write(record: &FlightRecord, folder: &Path) -> io::Result<Summary> {
         let path = folder.join(file);
         Draft::write(&path, bytes).map_err(|error| name(&path, error))
     });
-    // Complete before the first takes its name; those that do not take one are deleted.
+    // All temporary files are complete before the first one is renamed; the others are deleted after an
+    // error.
     let drafts = drafts.collect::<io::Result<Vec<_>>>()?;
     for (draft, (file, _)) in drafts.into_iter().zip(&files) {
         let named = |error| name(&folder.join(file), error);
@@ -101,17 +104,17 @@ pub fn write(record: &FlightRecord, folder: &Path) -> io::Result<Summary> {
     Ok(summary)
 }
 
-/// The error with the path that it is about in front.
+/// Returns the error with the path before its message.
 fn name(path: &Path, error: io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
-/// `report.html`: one page that needs nothing else.
+/// Returns the contents of `report.html`.
 pub fn html(record: &FlightRecord, summary: &Summary) -> String {
     page::html(record, summary)
 }
 
-/// The map of a flight as a drawing that stands alone.
+/// Returns the map of a flight as an SVG file.
 pub fn map_svg(record: &FlightRecord) -> String {
     let summary = record.summary();
     let name = format!("{} · {}", record.scenario.name, record.policy);
@@ -124,7 +127,7 @@ pub fn map_svg(record: &FlightRecord) -> String {
     map::draw(&record.scenario, Some(record), Some([&name, &words])).to_string()
 }
 
-/// The map of a scenario that nobody has flown, as a drawing that stands alone.
+/// Returns the map of a scenario without a flight as an SVG file.
 pub fn scenario_svg(scenario: &Scenario) -> String {
     let mission = &scenario.mission;
     let words = format!(
@@ -136,7 +139,7 @@ pub fn scenario_svg(scenario: &Scenario) -> String {
     map::draw(scenario, None, Some([&scenario.name, &words])).to_string()
 }
 
-/// A slot in a line.
+/// Describes a slot in one line.
 fn slot_words(record: &FlightRecord, slot: &SlotRecord) -> String {
     let held_back = match (slot.feasible, slot.limited_by) {
         (false, _) => ", threshold out of reach",
@@ -161,7 +164,8 @@ fn slot_words(record: &FlightRecord, slot: &SlotRecord) -> String {
     )
 }
 
-/// The axis of all slots of a mission, those included that a flight broken off did not reach.
+/// Returns the axis over all slots of a mission, including those that an aborted flight did not
+/// reach.
 fn slot_axis(record: &FlightRecord) -> SlotAxis {
     let slots = record.scenario.mission.slots() as usize;
     SlotAxis::new(record.slots.len().max(slots))

@@ -1,5 +1,6 @@
-//! `report.html`: verdicts, the map, the figures, all facts, and the slots as a table. Without
-//! scripts everything can be read; a few lines of script link the figures under the pointer.
+//! `report.html`: the main results, the map, the figures, all tables, and the slots as a table. The
+//! page is complete without scripts; a short script highlights the slot under the pointer in all
+//! figures.
 
 use firmware_core::{inner::LimitedBy, shield::Intervention};
 
@@ -11,7 +12,7 @@ use figures::{
     theme,
 };
 
-/// The whole page.
+/// Returns the whole page.
 pub(super) fn html(record: &FlightRecord, summary: &Summary) -> String {
     let title = format!("{} · {}", summary.scenario, summary.policy);
     let head = element("head")
@@ -61,25 +62,25 @@ fn heading(record: &FlightRecord, summary: &Summary) -> Element {
         )))
 }
 
-/// Said first of a flight that did not reach its end.
+/// Returns the notice at the top of the page for a flight that was aborted.
 fn broken_off(record: &FlightRecord) -> Option<Element> {
     let slots = record.scenario.mission.slots() as usize;
     (record.slots.len() < slots).then(|| {
         element("p").class("alarm").text(format!(
-            "Broken off after {} of {slots} slots.",
+            "Aborted after {} of {slots} slots.",
             record.slots.len()
         ))
     })
 }
 
-/// A verdict or number that one wants to see first.
+/// A main result: a verdict or a number.
 struct Tile {
     holds: Option<bool>,
     name: &'static str,
     value: String,
     unit: &'static str,
     words: String,
-    /// A share of 1, drawn as a bar.
+    /// The fraction of 1 that is drawn as a bar.
     share: Option<f64>,
 }
 
@@ -310,7 +311,7 @@ fn figures(record: &FlightRecord, summary: &Summary) -> Element {
         ))
 }
 
-/// What the shield did, in words.
+/// Describes what the shield changed.
 fn shield(record: &FlightRecord) -> String {
     let slots = |changed: fn(&Intervention) -> bool| {
         let slots = record.slots.iter();
@@ -319,7 +320,7 @@ fn shield(record: &FlightRecord) -> String {
     let changes = [
         (slots(|shield| shield.user), "the user"),
         (slots(|shield| shield.displacement), "the displacement"),
-        (slots(|shield| shield.broken_output), "a broken output"),
+        (slots(|shield| shield.broken_output), "an invalid output"),
         (slots(|shield| shield.out_of_reach), "a place out of reach"),
     ];
     let changes: Vec<String> = changes
@@ -328,7 +329,7 @@ fn shield(record: &FlightRecord) -> String {
         .map(|(slots, what)| format!("{what} in {}", count(slots, "slot")))
         .collect();
     match changes.is_empty() {
-        true => "the shield left every action of the policy as it was".into(),
+        true => "the shield changed no action of the policy".into(),
         false => format!("the shield corrected {}", changes.join(", ")),
     }
 }

@@ -1,4 +1,4 @@
-//! Who was served when, and what everybody got of it.
+//! The user schedule and the total of each user.
 
 use super::slot_axis;
 use super::{map::cross, series::bar_width, slot_words};
@@ -10,7 +10,8 @@ use figures::{
     theme,
 };
 
-/// Users as rows, slots as columns, a cell in the colour of the rate for every slot served.
+/// Draws the schedule: users as rows, slots as columns, and a cell in the colour of the rate for each
+/// served slot.
 pub(super) fn strip(record: &FlightRecord) -> Element {
     let axis = slot_axis(record);
     let limit = record.scenario.mission.slot_rate_limit();
@@ -111,14 +112,14 @@ fn shield_mark([x, y]: [f64; 2], size: f64) -> Element {
     )
 }
 
-/// A bar per user, made of its slots in the colours of their rates.
+/// Draws a bar per user that consists of its slots in the colours of their rates.
 pub(super) fn totals(record: &FlightRecord) -> Element {
     let mission = &record.scenario.mission;
     let limit = mission.slot_rate_limit();
     let summaries = record.users();
     let row = (330.0 / summaries.len() as f64).clamp(19.0, 34.0);
     let most = summaries.iter().map(|user| user.data).fold(0.0, f64::max);
-    // Room at the right for the totals and slots in words.
+    // The space at the right is for the totals and the numbers of slots.
     let end = WIDTH - 132.0;
     let scale = Scale::linear([0.0, if most > 0.0 { most } else { 1.0 }], [LEFT, end]);
     let top = 8.0;
@@ -141,7 +142,7 @@ pub(super) fn totals(record: &FlightRecord) -> Element {
     ));
     for (user, summary) in summaries.iter().enumerate() {
         let y = top + row * user as f64 + 3.0;
-        // A slot is set off from the next where there is room for that.
+        // Slots are separated by a gap if there is enough space.
         let width = (scale.at(summary.data) - LEFT) / f64::from(summary.slots.max(1));
         let gap = if width > 5.0 { 1.0 } else { -0.1 };
         let mut total = 0.0;

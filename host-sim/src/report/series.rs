@@ -1,5 +1,5 @@
-//! What happened slot by slot, over the slots: rate, MSE, estimate, powers. All share one
-//! horizontal axis, so that figures below one another line up.
+//! The figures over the slots: rate, MSE, estimate and powers. They share one horizontal axis, so
+//! that they are aligned when one is below the other.
 
 use super::map::cross;
 use super::slot_axis;
@@ -11,10 +11,10 @@ use figures::{
     theme,
 };
 
-/// Where legends are.
+/// The vertical coordinate of legends.
 const LEGEND_Y: f64 = 12.0;
 
-/// `R_n` against what no position could exceed, `log2(1 / (1 - J Gamma))`.
+/// Draws `R_n` and its physical limit at any position, `log2(1 / (1 - J Gamma))`.
 pub(super) fn rate(record: &FlightRecord) -> Element {
     let axis = slot_axis(record);
     let limit = record.scenario.mission.slot_rate_limit();
@@ -72,7 +72,7 @@ pub(super) fn rate(record: &FlightRecord) -> Element {
     ))
 }
 
-/// `MSE_n`, computed and as it came out of the signals drawn, against `Gamma`.
+/// Draws `MSE_n`, analytic and as measured with the drawn signals, and `Gamma`.
 pub(super) fn mse(record: &FlightRecord) -> Element {
     let axis = slot_axis(record);
     let threshold = record.scenario.mission.parameters().mse_threshold;
@@ -115,7 +115,7 @@ pub(super) fn mse(record: &FlightRecord) -> Element {
     .with(panel.draw("MSE"))
     .with(infeasible_columns(record, &axis, &panel))
     .with(steps(record, &axis, &panel, "computed", |slot| slot.mse))
-    // Over the analytic line: where the two coincide, both are seen.
+    // Drawn over the analytic line, so that both are visible where they coincide.
     .with(panel.bound(threshold))
     .with(dots(record, &axis, &panel, |slot| {
         slot.signals.empirical_mse
@@ -129,8 +129,8 @@ pub(super) fn mse(record: &FlightRecord) -> Element {
     ))
 }
 
-/// The wanted function of the measurements and its estimate over the air, in the scenario's
-/// unit; below, the error by itself.
+/// Draws the function of the measurements and its estimate over the air in the scenario's unit, and
+/// the error below.
 pub(super) fn estimate(record: &FlightRecord) -> Element {
     let axis = slot_axis(record);
     let unit = unit(&record.scenario.sensing.unit);
@@ -200,7 +200,7 @@ pub(super) fn estimate(record: &FlightRecord) -> Element {
     ))
 }
 
-/// What the served user and, on average, a sensor transmitted, each against its maximum.
+/// Draws the power of the served user and the mean power of the sensors, each with its maximum.
 pub(super) fn power(record: &FlightRecord) -> Element {
     let axis = slot_axis(record);
     let p = record.scenario.mission.parameters();
@@ -227,7 +227,7 @@ pub(super) fn power(record: &FlightRecord) -> Element {
         let (unit, per_watt) = power_unit(most_w);
         let panel = panel(top, 128.0, |range| {
             let used = record.slots.iter().map(value_w);
-            // A silent slot has no logarithm; it is drawn at the lower border.
+            // The logarithm of zero power is drawn at the lower border.
             let used = used.filter(|power_w| *power_w > 0.0);
             let values = used.chain([most_w]).map(|power_w| power_w * per_watt);
             let scale = Scale::around(values.clone(), range);
@@ -280,7 +280,7 @@ fn panel(top: f64, height: f64, scale: impl FnOnce([f64; 2]) -> Scale) -> Panel 
     }
 }
 
-/// Bars with gaps where there is room for gaps.
+/// Draws bars, with gaps between them if there is enough space.
 pub(super) fn bar_width(axis: &SlotAxis) -> f64 {
     match axis.band() {
         band if band > 3.0 => (band * 0.82).min(26.0),
@@ -292,7 +292,7 @@ fn dot_radius(axis: &SlotAxis) -> f64 {
     (axis.band() * 0.36).clamp(1.1, 3.0)
 }
 
-/// A line that is level over each slot.
+/// Draws a step line that is constant in each slot.
 fn steps(
     record: &FlightRecord,
     axis: &SlotAxis,
@@ -321,7 +321,7 @@ fn dots(
     }))
 }
 
-/// The slots in which `Gamma` could not be met, behind everything else.
+/// Draws the background of the slots in which `Gamma` could not be met.
 fn infeasible_columns(record: &FlightRecord, axis: &SlotAxis, panel: &Panel) -> Element {
     let slots = record.slots.iter().filter(|slot| !slot.feasible);
     element("g").with_all(slots.map(|slot| {

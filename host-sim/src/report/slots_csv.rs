@@ -1,6 +1,6 @@
-//! `slots.csv`: a row per slot, units in the names of the columns. Numbers are written with as
-//! many digits as reading them back exactly takes; the two timings, which no seed fixes, are the
-//! last columns.
+//! `slots.csv`: one row per slot, with units in the column names. Numbers are written with as many
+//! digits as are needed to read them back exactly. The two timings, which differ between runs with
+//! the same seed, are the last columns.
 
 use std::io;
 
@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::record::{FlightRecord, SlotRecord};
 
-/// A row; the names of the fields are the names of the columns.
+/// A row. The field names are the column names.
 #[derive(Serialize)]
 struct Row {
     slot: u32,
@@ -42,7 +42,7 @@ struct Row {
     allocate_us: f64,
 }
 
-/// The whole file.
+/// Returns the contents of the file.
 pub(super) fn csv(record: &FlightRecord) -> io::Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for slot in &record.slots {
@@ -86,7 +86,7 @@ fn row(record: &FlightRecord, slot: &SlotRecord) -> Row {
     }
 }
 
-/// What the shield changed: `none`, or its names joined by `+`.
+/// Returns the changes of the shield: `none`, or their names joined by `+`.
 pub(super) fn shield(intervention: &Intervention) -> String {
     let changes = [
         (intervention.displacement, "displacement"),

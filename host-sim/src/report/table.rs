@@ -1,20 +1,21 @@
-//! The summary for a terminal of 80 columns: fact, value, verdict. Our own dozen lines: a table
-//! crate would bring borders and wrapping that nobody needs here.
+//! The summary for a terminal of 80 columns: fact, value, verdict. It is formatted here because a
+//! table crate would add borders and wrapping that are not needed.
 
 use std::io::IsTerminal;
 
 use crate::record::{FlightRecord, Summary};
 use figures::quantity::{self, count, decimal, percent, plain, significant};
 
-/// How to print.
+/// The formatting options.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Look {
-    /// Whether verdicts are coloured; they are always in signs and words as well.
+    /// Whether verdicts are coloured. They are always given by signs and words as well.
     pub color: bool,
 }
 
 impl Look {
-    /// Colour if standard output is a terminal, unless `NO_COLOR` is set or the terminal is dumb.
+    /// Returns the options for standard output: colours if it is a terminal, unless `NO_COLOR` is set or
+    /// `TERM` is `dumb`.
     pub fn of_stdout() -> Self {
         let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
         let dumb = std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb");
@@ -31,8 +32,8 @@ impl Look {
     }
 }
 
-/// A line: whether it is as it should be (if that can be said), what it is, how much, and what
-/// that means.
+/// A line: whether the value is as required (if it has a requirement), the name, the value, and an
+/// explanation.
 struct Fact {
     holds: Option<bool>,
     name: &'static str,
@@ -40,12 +41,13 @@ struct Fact {
     words: String,
 }
 
-/// Columns on which the parts of a line begin, and the whole's width.
+/// The columns at which the parts of a line begin, and the width of the table.
 const NAME: usize = 15;
 const VALUE: usize = 17;
 const WIDTH: usize = 80;
 
-/// The summary as lines for a terminal, none longer than 80 columns, names of files excepted.
+/// Formats the summary for a terminal. Lines are at most 80 columns long, except those with file
+/// names.
 pub fn table(record: &FlightRecord, summary: &Summary, look: Look) -> String {
     let names = [&summary.scenario, &summary.policy];
     let [scenario, policy] = names.map(|name| printable(name));
@@ -126,7 +128,7 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
         fact(
             Some(summary.constraint_violations == 0),
             "constraints",
-            format!("{} broken", summary.constraint_violations),
+            format!("{} violated", summary.constraint_violations),
             "speed, area, arrival, quotas".into(),
         ),
         fact(
@@ -180,7 +182,7 @@ fn timing(name: &'static str, timing: &crate::record::Timing) -> Fact {
     }
 }
 
-/// A column per user: its number, slots and data; red where a quota was missed.
+/// Formats a column per user with its number, slots and data; red if its quota was not met.
 fn users(record: &FlightRecord, summary: &Summary, look: Look) -> Vec<String> {
     const COLUMN: usize = 6;
     let quota = record.scenario.mission.quota();
@@ -210,7 +212,7 @@ fn users(record: &FlightRecord, summary: &Summary, look: Look) -> Vec<String> {
     lines
 }
 
-/// Names come from files: nothing in them may steer the terminal.
+/// Removes control characters from a name that comes from a file.
 fn printable(name: &str) -> String {
     name.chars()
         .map(|character| match character.is_control() {

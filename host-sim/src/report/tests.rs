@@ -285,7 +285,7 @@ fn the_path_is_drawn_where_the_vehicle_was() {
 #[test]
 fn a_flight_broken_off_says_so() {
     let mut record = fixture::separated();
-    let words = "Broken off after 12 of 60 slots.";
+    let words = "Aborted after 12 of 60 slots.";
     assert!(!page(&record).contains(words));
     record.slots.truncate(12);
     record.path.truncate(13);

@@ -232,7 +232,7 @@ impl Train {
     fn check_directory(&self, directory: &Path) -> anyhow::Result<()> {
         ensure!(
             self.overwrite || !has_run(directory),
-            "{} holds a run already: --resume goes on, --overwrite starts anew, --out names \
+            "{} contains a run already: --resume continues it, --overwrite replaces it, --out selects \
              another directory",
             directory.display()
         );

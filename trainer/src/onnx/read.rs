@@ -16,7 +16,10 @@ use std::{collections::HashMap, path::Path};
 
 use anyhow::{Context, bail, ensure};
 use files::input;
-use firmware_core::{USERS_MAX, policy::Provenance};
+use firmware_core::{
+    USERS_MAX,
+    policy::{Provenance, output_len, state_len},
+};
 use prost::Message;
 
 use super::{
@@ -65,7 +68,7 @@ impl<'g> Walk<'g> {
         let columns = shape.dim.last().and_then(|d| d.dim_value).unwrap_or(0);
         let columns = usize::try_from(columns).unwrap_or(0);
         ensure!(
-            (1..=USERS_MAX + 4).contains(&columns),
+            (1..=state_len(USERS_MAX)).contains(&columns),
             "observation must have the shape [1, M + 4], M at most {USERS_MAX}"
         );
         let named = graph.initializer.iter().map(|t| (t.name.as_str(), t));
@@ -106,11 +109,12 @@ impl<'g> Walk<'g> {
         let users = provenance.users as usize;
         let shape = [displacement.normalizer.offset.len(), last.outputs];
         ensure!(
-            shape == [users + 4, users + 2],
-            "the network goes from {} to {}, but for {users} users it must go from users + 4 to \
-             users + 2",
+            shape == [state_len(users), output_len(users)],
+            "the network goes from {} to {}, but for {users} users it must go from {} to {}",
             shape[0],
-            shape[1]
+            shape[1],
+            state_len(users),
+            output_len(users)
         );
         let mut layers = displacement.hidden;
         layers.push(last);

@@ -33,7 +33,7 @@ use tree::Leaf;
 
 /// When a certification stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct BoundSettings {
     /// The gap at which it stops, relative to the upper bound.
     pub gap: f64,
     /// The smallest side to which cells are split, metres.
@@ -48,7 +48,7 @@ pub struct Settings {
     pub work_max: usize,
 }
 
-impl Default for Settings {
+impl Default for BoundSettings {
     fn default() -> Self {
         Self {
             gap: 0.005,
@@ -62,7 +62,7 @@ impl Default for Settings {
 
 /// The progress of a certification.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
+pub struct BoundProgress {
     /// The side of the present cells, metres.
     pub cell_m: f64,
     /// The number of leaves that the missions are divided into.
@@ -108,7 +108,7 @@ pub enum BoundError {
     /// The mission has too many slots, or its area is too large for its speed.
     #[error(
         "the mission has more than {pairs_max} pairs of slot and cell already at cells of \
-         {cell_m} m: fewer slots, a smaller area or a higher speed would do"
+         {cell_m} m; use fewer slots, a smaller area or a higher speed"
     )]
     TooLarge {
         /// The largest number of pairs that is allowed.
@@ -118,7 +118,7 @@ pub enum BoundError {
     },
     /// The mission has more slots than the optimal assignment of users to slots supports.
     #[error(
-        "the mission has {slots} slots, but at most {max} are bounded: the assignment of users is cubic in them"
+        "the mission has {slots} slots, but the bound supports at most {max}, because the time to assign users is cubic in the slots"
     )]
     TooManySlots {
         /// The number of slots, `N`.
@@ -129,10 +129,10 @@ pub enum BoundError {
     /// The destination can only be reached on the straight line at full speed, so there is nothing
     /// to plan.
     #[error(
-        "the destination is {distance_m} m from the start and {reach_m} m can be flown: no room \
-         is left to search in"
+        "the destination is {distance_m} m from the start, and at most {reach_m} m can be flown: \
+         only the straight path is possible, so there is nothing to search"
     )]
-    NoRoom {
+    StraightPathOnly {
         /// The distance from start to destination, metres.
         distance_m: f64,
         /// The largest distance that can be flown, `(N + 1) V_max delta`, metres.
@@ -158,8 +158,8 @@ const FINAL_SPACING_M: f64 = 0.01;
 /// Returns an error if the mission is too large or if only one path can be flown.
 pub fn certify<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
-    settings: &Settings,
-    progress: impl FnMut(&Progress),
+    settings: &BoundSettings,
+    progress: impl FnMut(&BoundProgress),
 ) -> Result<Bound, BoundError> {
     let started = Instant::now();
     let rate_bound = RateBound::new(mission);
@@ -191,11 +191,11 @@ pub fn certify<const M: usize, const J: usize>(
 /// Returns the errors of [`certify`].
 pub fn search<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
-    progress: impl FnMut(&Progress),
+    progress: impl FnMut(&BoundProgress),
 ) -> Result<Plan, BoundError> {
-    let settings = Settings {
+    let settings = BoundSettings {
         work_max: 0,
-        ..Settings::default()
+        ..BoundSettings::default()
     };
     certify(mission, &settings, progress).map(|bound| bound.plan)
 }
@@ -211,7 +211,7 @@ pub fn fairness_prices<const M: usize, const J: usize>(
 ) -> Result<Vec<f64>, BoundError> {
     let leaf = Certifier::new(
         mission,
-        &Settings::default(),
+        &BoundSettings::default(),
         &RateBound::new(mission),
         |_| (),
     )
@@ -221,7 +221,7 @@ pub fn fairness_prices<const M: usize, const J: usize>(
 
 fn no_room<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> BoundError {
     let p = mission.parameters();
-    BoundError::NoRoom {
+    BoundError::StraightPathOnly {
         distance_m: (p.destination - p.start).norm(),
         reach_m: f64::from(mission.slots() + 1) * mission.reach_m(),
     }
@@ -230,7 +230,7 @@ fn no_room<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> Boun
 /// The state of a certification.
 struct Certifier<'a, F, const M: usize, const J: usize> {
     mission: &'a Mission<f64, M, J>,
-    settings: &'a Settings,
+    settings: &'a BoundSettings,
     rate_bound: &'a RateBound<'a, M, J>,
     rules: PathRules<'a, M, J>,
     best: Option<Plan>,
@@ -238,10 +238,10 @@ struct Certifier<'a, F, const M: usize, const J: usize> {
     progress: F,
 }
 
-impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M, J> {
+impl<'a, F: FnMut(&BoundProgress), const M: usize, const J: usize> Certifier<'a, F, M, J> {
     fn new(
         mission: &'a Mission<f64, M, J>,
-        settings: &'a Settings,
+        settings: &'a BoundSettings,
         rate_bound: &'a RateBound<'a, M, J>,
         progress: F,
     ) -> Self {
@@ -268,7 +268,7 @@ impl<'a, F: FnMut(&Progress), const M: usize, const J: usize> Certifier<'a, F, M
     }
 
     fn report(&mut self, cell_m: f64) {
-        let progress = Progress {
+        let progress = BoundProgress {
             cell_m,
             leaves: self.leaves.len(),
             upper: self.upper(),

@@ -72,7 +72,10 @@ pub fn plan_file(scenario: &Scenario, waypoints: &[Position<f64>]) -> Option<Str
         "rallyPoints": { "version": 2, "points": [] },
         "mission": {
             "version": 2,
-            "firmwareType": if mission.firmware == Firmware::Px4 { PX4 } else { ARDUPILOT },
+            "firmwareType": match mission.firmware {
+                Firmware::Px4 => PX4,
+                Firmware::Generic | Firmware::ArduCopter => ARDUPILOT,
+            },
             "vehicleType": QUADROTOR,
             "cruiseSpeed": p.max_speed_mps,
             "hoverSpeed": p.max_speed_mps,

@@ -41,8 +41,8 @@ pub(crate) fn refine<const M: usize, const J: usize>(
     let mut spacing_m = FIRST_SPACING * rules.reach_m;
     while spacing_m >= finest_m {
         for _ in 0..ROUNDS_PER_SPACING {
-            let stencils = rules.stencils(&plan.waypoints, spacing_m);
-            let (_, path) = stencils.best_chain(&plan.users);
+            let candidates = rules.candidates(&plan.waypoints, spacing_m);
+            let (_, path) = candidates.best_chain(&plan.users);
             let better = rules.assigned(path);
             let gain = better.sum_rate - plan.sum_rate;
             if gain > 0.0 {
@@ -64,12 +64,12 @@ pub(crate) fn rearrange<const M: usize, const J: usize>(
 ) -> Plan {
     for spacing in REARRANGE_SPACINGS {
         for _ in 0..CHANGES_PER_SPACING {
-            let stencils = rules.stencils(&plan.waypoints, spacing * rules.reach_m);
+            let candidates = rules.candidates(&plan.waypoints, spacing * rules.reach_m);
             let least = plan.sum_rate * (1.0 + WORTHWHILE);
-            let Some(users) = stencils.best_change(&plan.users, CHANGE_SPAN, least) else {
+            let Some(users) = candidates.best_change(&plan.users, CHANGE_SPAN, least) else {
                 break;
             };
-            let (_, path) = stencils.best_chain(&users);
+            let (_, path) = candidates.best_chain(&users);
             let better = rules.assigned(path);
             if better.sum_rate <= least {
                 break;

@@ -1,7 +1,7 @@
 //! Continuous refinement of a path: all waypoints may move a little at the same time.
 //!
 //! Around each waypoint there is a stencil of `(2k + 1)^2` candidate positions. Dynamic programming
-//! finds the best admissible chain through the stencils. The old path is among the candidates, so
+//! finds the best admissible chain through the candidates. The old path is among the candidates, so
 //! the value never decreases. A stretched path, in which no single waypoint can move without
 //! breaking the speed limit, can still move as a whole.
 
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use scenario::{ABSENT_RATE, PlaceRates};
 
-use super::{plan::Plan, rearrange::Stencils};
+use super::{plan::Plan, rearrange::CandidateGraph};
 
 /// The number of candidates to each side of a waypoint.
 const STENCIL_REACH: i32 = 4;
@@ -47,7 +47,7 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         let extent_m = area.east_m.max(area.north_m);
         // 2^23 steps across the area leave one bit of the mantissa of f32 unused.
         let quantum_m = (extent_m.log2().ceil() - 23.0).exp2();
-        // Twice the extent is more than the diagonal, so no waypoint is lost, and stencils, whose
+        // Twice the extent is more than the diagonal, so no waypoint is lost, and candidates, whose
         // spacings are fractions of the reach, start inside the area.
         let reach_m = mission.reach_m().min(2.0 * extent_m);
         Self {
@@ -122,8 +122,8 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
         self.joins(path.len(), from, &p.destination)
     }
 
-    /// Returns the stencils of the given spacing around `path`, which must be admissible.
-    pub(crate) fn stencils(&self, path: &[Position<f64>], spacing_m: f64) -> Stencils {
+    /// Returns the candidates of the given spacing around `path`, which must be admissible.
+    pub(crate) fn candidates(&self, path: &[Position<f64>], spacing_m: f64) -> CandidateGraph {
         let p = self.mission.parameters();
         let users = self.at_end().user_count();
         let places: Vec<Vec<Position<f64>>> = path
@@ -143,29 +143,29 @@ impl<'m, const M: usize, const J: usize> PathRules<'m, M, J> {
             rates
         });
         let start = vec![p.start];
-        let joined = places.par_iter().enumerate().map(|(slot, here)| {
+        let predecessors = places.par_iter().enumerate().map(|(slot, here)| {
             let before = slot
                 .checked_sub(1)
                 .map_or(&start, |previous| &places[previous]);
             let bits = |to: &Position<f64>| {
-                let joined = before
+                let predecessors = before
                     .iter()
                     .enumerate()
                     .filter(|(_, from)| self.joins(slot, from, to));
-                joined.fold(0, |bits, (index, _)| bits | 1_u128 << index)
+                predecessors.fold(0, |bits, (index, _)| bits | 1_u128 << index)
             };
             here.iter().map(bits).collect()
         });
-        let (rates, joined) = (rates.collect(), joined.collect());
+        let (rates, predecessors) = (rates.collect(), predecessors.collect());
         let last = places.last().into_iter().flatten();
-        let home = last
+        let reaches_destination = last
             .map(|place| self.joins(path.len(), place, &p.destination))
             .collect();
-        Stencils {
+        CandidateGraph {
             places,
             rates,
-            joined,
-            home,
+            predecessors,
+            reaches_destination,
         }
     }
 

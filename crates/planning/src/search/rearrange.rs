@@ -39,36 +39,41 @@ impl Change {
 /// The candidate positions of every slot, the rate of each user there, and the positions that the
 /// flight of a slot connects.
 #[derive(Clone, Debug)]
-pub(crate) struct Stencils {
+pub(crate) struct CandidateGraph {
     pub(crate) places: Vec<Vec<Position<f64>>>,
     /// The rates, by slot, user and position.
     pub(crate) rates: Vec<Vec<Vec<f64>>>,
     /// For each slot and position, the reachable positions of the slot before, as bits. For the
     /// first slot, whether the start is connected to the position.
-    pub(crate) joined: Vec<Vec<u128>>,
+    pub(crate) predecessors: Vec<Vec<u128>>,
     /// The positions of the last slot from which the destination can be reached in one more slot.
-    pub(crate) home: Vec<bool>,
+    pub(crate) reaches_destination: Vec<bool>,
 }
 
-const NOWHERE: f64 = f64::NEG_INFINITY;
+const UNREACHABLE: f64 = f64::NEG_INFINITY;
 
-impl Stencils {
+impl CandidateGraph {
     /// Computes the totals after a slot from those before it.
-    fn onward(&self, slot: usize, user: usize, before: &[f64], after: &mut Vec<f64>) {
+    fn advance_totals(&self, slot: usize, user: usize, before: &[f64], after: &mut Vec<f64>) {
         let rates = &self.rates[slot][user];
         after.clear();
-        after.extend(self.joined[slot].iter().zip(rates).map(|(&joined, rate)| {
-            let mut best = NOWHERE;
-            for (index, &total) in before.iter().enumerate() {
-                let total = if joined >> index & 1 == 1 {
-                    total
-                } else {
-                    NOWHERE
-                };
-                best = if total > best { total } else { best };
-            }
-            best + rate
-        }));
+        after.extend(
+            self.predecessors[slot]
+                .iter()
+                .zip(rates)
+                .map(|(&predecessors, rate)| {
+                    let mut best = UNREACHABLE;
+                    for (index, &total) in before.iter().enumerate() {
+                        let total = if predecessors >> index & 1 == 1 {
+                            total
+                        } else {
+                            UNREACHABLE
+                        };
+                        best = if total > best { total } else { best };
+                    }
+                    best + rate
+                }),
+        );
     }
 
     /// Returns two values for every position of every slot with this order of users: the value
@@ -79,21 +84,24 @@ impl Stencils {
         for (slot, &user) in users.iter().enumerate() {
             let mut after = Vec::new();
             let before = earned.last().map_or(&[0.0][..], Vec::as_slice);
-            self.onward(slot, user, before, &mut after);
+            self.advance_totals(slot, user, before, &mut after);
             earned.push(after);
         }
-        let last = self
-            .home
-            .iter()
-            .map(|&home| if home { 0.0 } else { NOWHERE });
+        let last = self.reaches_destination.iter().map(|&reaches_destination| {
+            if reaches_destination {
+                0.0
+            } else {
+                UNREACHABLE
+            }
+        });
         let mut ahead = vec![last.collect::<Vec<f64>>()];
         for slot in (1..slots).rev() {
             let next = &ahead[ahead.len() - 1];
-            let mut here = vec![NOWHERE; self.places[slot - 1].len()];
-            for (place, &joined) in self.joined[slot].iter().enumerate() {
+            let mut here = vec![UNREACHABLE; self.places[slot - 1].len()];
+            for (place, &predecessors) in self.predecessors[slot].iter().enumerate() {
                 let total = next[place] + self.rates[slot][users[slot]][place];
                 for (index, here) in here.iter_mut().enumerate() {
-                    if joined >> index & 1 == 1 && total > *here {
+                    if predecessors >> index & 1 == 1 && total > *here {
                         *here = total;
                     }
                 }
@@ -110,7 +118,7 @@ impl Stencils {
         let slots = users.len();
         let mut path = Vec::with_capacity(slots);
         let first_best = |values: &mut dyn Iterator<Item = (usize, f64)>| {
-            values.fold((0, NOWHERE), |best, (index, value)| {
+            values.fold((0, UNREACHABLE), |best, (index, value)| {
                 if value > best.1 { (index, value) } else { best }
             })
         };
@@ -120,12 +128,12 @@ impl Stencils {
         for slot in (0..slots).rev() {
             path.push(self.places[slot][index]);
             if slot > 0 {
-                let joined = self.joined[slot][index];
+                let predecessors = self.predecessors[slot][index];
                 let mut before = earned[slot - 1]
                     .iter()
                     .copied()
                     .enumerate()
-                    .filter(|(index, _)| joined >> index & 1 == 1);
+                    .filter(|(index, _)| predecessors >> index & 1 == 1);
                 index = first_best(&mut before).0;
             }
         }
@@ -172,11 +180,11 @@ impl Stencils {
                         None => before.push(0.0),
                     }
                     for (slot, &user) in order.iter().enumerate().take(b + 1).skip(a) {
-                        self.onward(slot, user, before, after);
+                        self.advance_totals(slot, user, before, after);
                         std::mem::swap(before, after);
                     }
                     let through = before.iter().zip(&ahead[b]).map(|(a, b)| a + b);
-                    through.fold(NOWHERE, f64::max)
+                    through.fold(UNREACHABLE, f64::max)
                 },
             )
             .collect();

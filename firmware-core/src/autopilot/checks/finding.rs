@@ -57,9 +57,9 @@ impl fmt::Display for Finding {
             Self::Note(words) => f.write_str(words),
             Self::Unread(name) => write!(f, "{name} could not be read"),
             Self::Set { name, from, to } => write!(f, "{name} set from {from} to {to}"),
-            Self::Restored { name, value } => write!(f, "{name} put back to {value}"),
+            Self::Restored { name, value } => write!(f, "{name} restored to {value}"),
             Self::NotRestored { name, value } => {
-                write!(f, "{name} was NOT put back: it was {value}")
+                write!(f, "{name} was NOT restored; its former value is {value}")
             }
         }
     }

@@ -177,11 +177,14 @@ impl Effect {
     pub(super) fn needed(self, needs: &Needs) -> Option<(f32, &'static str)> {
         Some(match self {
             Self::Note { .. } | Self::Kept => return None,
-            Self::OwnLean => (needs.lean_deg(), "lean, and so speed"),
+            Self::OwnLean => (needs.lean_deg(), "the tilt angle and therefore the speed"),
             Self::Speed(unit) => (needs.speed_mps() * unit, "speed"),
             Self::Acceleration(unit) => (needs.acceleration_mps2() * unit, "acceleration"),
-            Self::Jerk(unit) => (needs.jerk_mps3() * unit, "the change of acceleration"),
-            Self::Lean(unit) => (needs.lean_deg() * unit, "lean, and so speed"),
+            Self::Jerk(unit) => (needs.jerk_mps3() * unit, "jerk"),
+            Self::Lean(unit) => (
+                needs.lean_deg() * unit,
+                "the tilt angle and therefore the speed",
+            ),
         })
     }
 

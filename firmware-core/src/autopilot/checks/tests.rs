@@ -163,7 +163,10 @@ fn what_cannot_be_set_or_put_back_is_said() {
         "WPNAV_SPEED is 1000: it clips speed; set it to 3500"
     );
     let (_, said) = play(&mut manager, &mut values, true, true, |_| true);
-    assert_eq!(said, ["WPNAV_SPEED was NOT put back: it was 1000"]);
+    assert_eq!(
+        said,
+        ["WPNAV_SPEED was NOT restored; its former value is 1000"]
+    );
 }
 
 #[test]

@@ -38,13 +38,13 @@ pub struct MissionPlan<'a, T: Scalar> {
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum PlanError {
     /// The plan has no waypoints.
-    #[error("the mission has no way-points")]
+    #[error("the mission has no waypoints")]
     Empty,
     /// The plan has more items than the protocol can number.
-    #[error("the mission has {0} way-points; at most 65 000 can be uploaded")]
+    #[error("the mission has {0} waypoints; at most 65 000 can be uploaded")]
     TooLong(usize),
     /// A waypoint has a coordinate that is not finite.
-    #[error("way-point {0} is not finite")]
+    #[error("waypoint {0} is not finite")]
     NotFinite(usize),
     /// The altitude or the speed is not finite, or not above zero.
     #[error("{name} is {value}; it must be a number above 0")]
@@ -85,7 +85,7 @@ impl<T: Scalar> MissionPlan<'_, T> {
     /// Returns the number of items before the first waypoint: home where there is one, take-off,
     /// speed.
     pub(super) fn lead(&self) -> u16 {
-        if self.firmware == Firmware::Px4 { 2 } else { 3 }
+        2 + u16::from(self.firmware.mission_begins_with_home())
     }
 
     /// Returns the number of items.
@@ -96,7 +96,7 @@ impl<T: Scalar> MissionPlan<'_, T> {
 
     /// Returns whether an item is number 0 of an autopilot that puts its home position there.
     pub(super) fn is_home(&self, sequence: u16) -> bool {
-        sequence == 0 && self.firmware != Firmware::Px4
+        sequence == 0 && self.firmware.mission_begins_with_home()
     }
 
     /// Returns item `sequence`, addressed to `to`, or `None` past the end.

@@ -4,7 +4,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use crate::policy::Provenance;
+use crate::policy::{Provenance, output_len, state_len};
 
 /// The format version that this crate reads and writes.
 pub const FORMAT_VERSION: u16 = 1;
@@ -52,7 +52,7 @@ impl Header {
 
     pub(super) fn check(&self) -> Result<(), LoadError> {
         let users = self.provenance.users as usize;
-        let ends = [users.saturating_add(4), users.saturating_add(2)];
+        let ends = [state_len(users), output_len(users)];
         let wide = self
             .sizes
             .iter()
@@ -87,7 +87,7 @@ pub enum LoadError {
         got: u16,
     },
     /// The file is damaged or incomplete.
-    #[error("checksum is {got:#010x}, but the file says {expected:#010x}: it is damaged")]
+    #[error("checksum is {got:#010x}, but the file says {expected:#010x}: the file is damaged")]
     Checksum {
         /// The checksum of the bytes.
         got: u32,
@@ -99,8 +99,10 @@ pub enum LoadError {
     Header,
     /// The layers do not make a policy for the number of users.
     #[error(
-        "layers go from {inputs} to {outputs} for {users} users, but must go from users + 4 to \
-         users + 2, each 1 to {WIDTH_MAX} wide"
+        "layers go from {inputs} to {outputs} for {users} users, but must go from {} to {}, each 1 to \
+         {WIDTH_MAX} wide",
+        state_len(*users),
+        output_len(*users)
     )]
     Shape {
         /// The size of the input.

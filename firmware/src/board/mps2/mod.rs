@@ -198,7 +198,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 // are behind critical sections.
 unsafe fn DefaultHandler(irq: i16) {
     let Some(line) = usize::try_from(irq).ok().and_then(|irq| LINES.get(irq / 2)) else {
-        last_words(&format_args!("interrupt {irq} that nobody asked for"));
+        last_words(&format_args!("unexpected interrupt {irq}"));
     };
     if irq % 2 == 0 {
         line.byte_came();
