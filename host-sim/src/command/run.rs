@@ -5,6 +5,7 @@ use std::{io::Write, path::PathBuf, str::FromStr};
 use clap::Args;
 use environment::Allocation;
 use host_sim::{
+    experiment::context,
     flight::{
         self, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
         board::{self, Board},
@@ -12,7 +13,7 @@ use host_sim::{
     interrupt::Presses,
     journal::{self, ParameterJournal},
     policy::PolicyChoice,
-    record::{FlightEvent, FlightRecord, SlotRecord, Summary},
+    record::{FlightEvent, FlightNotes, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
     world::SYMBOLS_PER_SLOT,
 };
@@ -116,13 +117,38 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
         eprintln!("no trained policy is shipped for this mission: {policy_name} flies");
     }
-    if let Some(warning) = policy.foreign_mission(&scenario) {
+    let policy_warning = policy.foreign_mission(&scenario);
+    if let Some(warning) = &policy_warning {
         eprintln!("warning: {policy_name}: {warning}");
     }
     let (settings, peer, mut show) = prepare(arguments, &scenario, policy_name)?;
     let flown = flight::fly(&scenario, policy, &settings, peer, &mut show);
     show.bar.finish_and_clear();
+    let flown = flown
+        .map(|record| {
+            let notes = FlightNotes {
+                policy_warning: policy_warning.clone(),
+                ideal_sum_rate: ideal_sum_rate(&record, arguments),
+            };
+            FlightRecord { notes, ..record }
+        })
+        .map_err(|mut failed| {
+            if let Some(record) = &mut failed.record {
+                record.notes.policy_warning = policy_warning;
+            }
+            failed
+        });
     end(flown, arguments)
+}
+
+/// Flies the same policy with the ideal vehicle if the flight was with another one. The difference
+/// of the totals is the loss due to the vehicle's dynamics and its links.
+fn ideal_sum_rate(record: &FlightRecord, arguments: &RunArguments) -> Option<f64> {
+    if record.profile == Profile::Ideal.name() {
+        return None;
+    }
+    let ideal = context::fly(&record.scenario, &arguments.policy, arguments.inner).ok()?;
+    Some(ideal.summary().sum_rate)
 }
 
 /// As [`execute`], with a board's controller.

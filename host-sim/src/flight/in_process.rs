@@ -21,7 +21,7 @@ use firmware_core::{
 
 use crate::{
     journal::ParameterJournal,
-    record::{FlightEvent, FlightRecord, PathSample},
+    record::{FlightEvent, FlightNotes, FlightRecord, PathSample},
     world::World,
 };
 use link::NoHeartbeat;
@@ -477,6 +477,7 @@ impl<P: Policy<f64, USERS_MAX>> Flight<P> {
             events: self.events,
             completed: false,
             ended: String::new(),
+            notes: FlightNotes::default(),
         }
     }
 }

@@ -43,7 +43,7 @@ pub use campaign::{Campaign, SLOTS_EACH, Tally};
 pub use image::Image;
 
 use crate::{
-    record::{FlightEvent, FlightRecord, PathSample},
+    record::{FlightEvent, FlightNotes, FlightRecord, PathSample},
     world::World,
 };
 use link::NoHeartbeat;
@@ -237,6 +237,7 @@ pub fn fly(
         events: flight.events,
         completed: false,
         ended: String::new(),
+        notes: FlightNotes::default(),
     };
     outcome_with_record(outcome, connected, record)
 }
