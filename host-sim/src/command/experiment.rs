@@ -7,7 +7,12 @@ use std::{
 };
 
 use clap::{Args, builder::PossibleValuesParser};
-use host_sim::experiment::{Experiment, ExperimentContext, Settings, Watcher, cell::Cell, report};
+use host_sim::experiment::{
+    Experiment, ExperimentContext, Settings, Watcher,
+    cell::Cell,
+    report,
+    seeds::{self, Collected},
+};
 use indicatif::ProgressBar;
 
 use super::{Failure, bound::style};
@@ -16,7 +21,8 @@ use super::{Failure, bound::style};
 #[derive(Debug, Args)]
 pub(crate) struct ExperimentArguments {
     /// A figure, or all of them; bounds: the certificates alone; report: page and drawings again
-    /// from the CSV files that are there; cards: the card of the shipped policies
+    /// from the CSV files that are there; cards: the card of the shipped policies; seeds: the table
+    /// of trainings (MODELS/seeds.csv), from the shipped policies and the finished runs in --runs
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
     /// Where NAME.csv, NAME.svg and index.html go, and trainings and new bounds
@@ -30,7 +36,12 @@ pub(crate) struct ExperimentArguments {
     /// stopped goes on
     #[arg(long)]
     train: bool,
-    /// Seeds of a training that are flown, where they are there
+    /// With seeds: the directory of runs, each named as its policy in MODELS/cells
+    /// (separated-t60-n95-g0.015-sac-tuned-s2)
+    #[arg(long, value_name = "DIR")]
+    runs: Option<PathBuf>,
+    /// Seeds of a training that are measured: flown where the policy is there, otherwise read from
+    /// seeds.csv
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=16))]
     seeds: u64,
     /// Certify every bound anew instead of reading bounds.csv
@@ -48,10 +59,11 @@ const ALL: &str = "all";
 const BOUNDS: &str = "bounds";
 const REPORT: &str = "report";
 const CARDS: &str = "cards";
+const SEEDS: &str = "seeds";
 
 fn names() -> Vec<&'static str> {
     let figures = Experiment::ALL.map(Experiment::name);
-    let others = [ALL, BOUNDS, REPORT, CARDS];
+    let others = [ALL, BOUNDS, REPORT, CARDS, SEEDS];
     figures.into_iter().chain(others).collect()
 }
 
@@ -90,6 +102,11 @@ pub(crate) fn execute(arguments: &ExperimentArguments) -> Result<(), Failure> {
         CARDS => {
             let page = arguments.models.join("cells/README.md");
             report::write_cards(&mut context, &page)
+        }
+        SEEDS => {
+            let collected = seeds::collect(&context, arguments.runs.as_deref());
+            spinner.0.finish_and_clear();
+            return write_collected(&collected.map_err(Failure::failed)?);
         }
         name => {
             let chosen = |experiment: &Experiment| name == ALL || experiment.name() == name;
@@ -130,6 +147,31 @@ fn conclude(arguments: &ExperimentArguments, measured: &[Experiment]) -> Result<
         Some(path) => report::write_results(out, path).map_err(Failure::failed),
         None => Ok(()),
     }
+}
+
+/// What the table of trainings has now.
+fn write_collected(collected: &Collected) -> Result<(), Failure> {
+    let Collected {
+        flown,
+        kept,
+        copied,
+        unfinished,
+    } = collected;
+    let mut stdout = std::io::stdout().lock();
+    writeln!(
+        stdout,
+        "{flown} trainings flown, {kept} rows kept whose policies are not there, {} policies of \
+         seed 1 copied, {} runs unfinished",
+        copied.len(),
+        unfinished.len()
+    )?;
+    for name in copied {
+        writeln!(stdout, "copied: {name}.onnx")?;
+    }
+    for name in unfinished {
+        writeln!(stdout, "unfinished: {name}")?;
+    }
+    Ok(())
 }
 
 /// Every certificate of the figures' missions, and their table.
