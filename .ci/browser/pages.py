@@ -101,7 +101,7 @@ return [...document.querySelectorAll('svg text')].map(function (text) {
 }).filter(function (found) {
   return found[0] > 0 && found[0] < 8.5;
 }).map(function (found) {
-  return found[0].toFixed(1) + ' px: ' + found[1].slice(0, 40);
+  return found[0].toFixed(1) + ' px: ' + found[1].trim().slice(0, 40);
 });
 """
 

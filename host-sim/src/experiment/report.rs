@@ -67,12 +67,12 @@ pub fn write_index(directory: &Path) -> Result<(), String> {
 
 const TITLE: &str = "The paper's figures, measured";
 const STYLE: &str = ":root{color-scheme:light dark}\
-                     body{max-width:68rem;margin:2rem auto;padding:0 1rem;font:16px/1.5 sans-serif}\
-                     figure{margin:0;overflow-x:auto}\
+                     body{max-width:82rem;margin:2rem auto;padding:0 1rem;font:16px/1.5 sans-serif}\
+                     p,dl{max-width:56rem}figure{margin:0;overflow-x:auto}\
                      svg{max-width:100%;height:auto;border:1px solid #ddd;background:#fff}\
                      h2{margin-top:3rem}dt{margin-top:.8rem}dd{margin-left:1.5rem}\
                      b{display:inline-block;min-width:4.5rem}\
-                     @media screen and (max-width:60rem){svg{max-width:none}}\
+                     @media screen and (max-width:84rem){svg{max-width:none}}\
                      @media print{figure,dt,dd{break-inside:avoid}h2,dt{break-after:avoid}\
                      h2{margin-top:1.5rem}}";
 
