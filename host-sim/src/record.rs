@@ -41,6 +41,19 @@ pub struct FlightRecord {
     pub completed: bool,
     /// How the flight ended, in words: "landed", or the true cause.
     pub ended: String,
+    /// What the report says beyond the flight itself.
+    pub notes: FlightNotes,
+}
+
+/// What the program that flew a mission knows beyond the flight itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FlightNotes {
+    /// The warning about a policy that was trained for another mission.
+    pub policy_warning: Option<String>,
+    /// The sum of the rates of the ideal flight, bit/s/Hz: the same policy and allocation with the
+    /// ideal vehicle and perfect links. `None` if it was not flown, as when this flight is the
+    /// ideal one.
+    pub ideal_sum_rate: Option<f64>,
 }
 
 /// An event, in words.
@@ -191,6 +204,10 @@ pub struct Summary {
     pub slots: usize,
     /// The sum of the rates, bit/s/Hz.
     pub sum_rate: f64,
+    /// The sum of the rates of the ideal flight, bit/s/Hz: [`FlightNotes::ideal_sum_rate`].
+    pub ideal_sum_rate: Option<f64>,
+    /// The warning about a policy that was trained for another mission.
+    pub policy_warning: Option<String>,
     /// The limit of the sum of the rates at any positions: the number of slots times `log2(1 / (1 -
     /// J Gamma))`.
     pub sum_rate_physical_limit: f64,
@@ -280,6 +297,8 @@ impl FlightRecord {
             ended: self.ended.clone(),
             slots: self.slots.len(),
             sum_rate: self.slots.iter().map(|slot| slot.rate).sum(),
+            ideal_sum_rate: self.notes.ideal_sum_rate,
+            policy_warning: self.notes.policy_warning.clone(),
             sum_rate_physical_limit: match self.changes.changes() {
                 [] => f64::from(mission.slots()) * mission.slot_rate_limit(),
                 _ => limits.sum(),

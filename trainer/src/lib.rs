@@ -13,7 +13,7 @@
 //! | [`training`] | a run: start, resume, train, evaluate, save |
 //! | [`metrics`], [`tensorboard`], [`checkpoint`], [`run`] | the files of a run |
 //! | [`actor`], [`onnx`] | the resulting policy and its files |
-//! | [`evaluate`], [`compare`], [`card`] | evaluation flights, comparison tables, model cards |
+//! | [`evaluate`], [`compare`], [`card`], [`curves`] | evaluation flights, comparison tables, model cards, learning curves |
 
 #![deny(missing_docs)]
 
@@ -21,6 +21,7 @@ pub mod actor;
 pub mod card;
 pub mod checkpoint;
 pub mod compare;
+pub mod curves;
 pub mod ddpg;
 pub mod evaluate;
 #[cfg(test)]

@@ -202,11 +202,17 @@ fn a_run_keeps_the_scenario_that_it_was_made_on() {
         let mut command = Command::new(cargo_bin("trainer"));
         command.arg("curves").arg(&directory).arg("--out");
         command.arg(home.path().join("curves.csv"));
+        command.arg("--svg").arg(home.path().join("curves.svg"));
         command
     };
     succeed(curves());
     let text = fs::read_to_string(home.path().join("curves.csv")).expect("written");
     assert!(text.contains(",sac,0.0001,0.9,1,4,"), "{text}");
+    let drawing = fs::read_to_string(home.path().join("curves.svg")).expect("written");
+    assert!(
+        drawing.starts_with("<svg") && drawing.contains("<path"),
+        "{drawing}"
+    );
 
     // Without scenario.toml, the shipped scenario of that name is used, which differs.
     fs::remove_file(directory.join("scenario.toml")).expect("was there");

@@ -7,7 +7,12 @@ use std::{
 };
 
 use clap::{Args, builder::PossibleValuesParser};
-use host_sim::experiment::{Experiment, ExperimentContext, Settings, Watcher, cell::Cell, report};
+use host_sim::experiment::{
+    Experiment, ExperimentContext, Settings, Watcher,
+    cell::Cell,
+    report,
+    seeds::{self, Collected},
+};
 use indicatif::ProgressBar;
 
 use super::{Failure, bound::style};
@@ -17,7 +22,8 @@ use super::{Failure, bound::style};
 pub(crate) struct ExperimentArguments {
     /// The figure to reproduce, or one of: all (every figure), bounds (only the certified bounds),
     /// report (drawings and page from the existing CSV files, without measuring), cards (the model
-    /// card of the shipped policies)
+    /// card of the shipped policies), seeds (the table MODELS/seeds.csv of all trainings, from the
+    /// shipped policies and the finished runs in --runs)
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
     /// Output directory for NAME.csv, NAME.svg, index.html, trained policies and new bounds
@@ -31,7 +37,12 @@ pub(crate) struct ExperimentArguments {
     /// runs are not repeated, and interrupted runs are continued
     #[arg(long)]
     train: bool,
-    /// Largest number of training seeds to fly for each mission
+    /// With seeds: the directory of runs, each named like its policy in MODELS/cells
+    /// (separated-t60-n95-g0.015-sac-tuned-s2)
+    #[arg(long, value_name = "DIR")]
+    runs: Option<PathBuf>,
+    /// Largest number of training seeds for each mission: flown where the policy exists, otherwise
+    /// read from seeds.csv
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=16))]
     seeds: u64,
     /// Compute every bound again instead of reading bounds.csv
@@ -49,10 +60,11 @@ const ALL: &str = "all";
 const BOUNDS: &str = "bounds";
 const REPORT: &str = "report";
 const CARDS: &str = "cards";
+const SEEDS: &str = "seeds";
 
 fn names() -> Vec<&'static str> {
     let figures = Experiment::ALL.map(Experiment::name);
-    let others = [ALL, BOUNDS, REPORT, CARDS];
+    let others = [ALL, BOUNDS, REPORT, CARDS, SEEDS];
     figures.into_iter().chain(others).collect()
 }
 
@@ -91,6 +103,11 @@ pub(crate) fn execute(arguments: &ExperimentArguments) -> Result<(), Failure> {
         CARDS => {
             let page = arguments.models.join("cells/README.md");
             report::write_cards(&mut context, &page)
+        }
+        SEEDS => {
+            let collected = seeds::collect(&context, arguments.runs.as_deref());
+            spinner.0.finish_and_clear();
+            return write_collected(&collected.map_err(Failure::failed)?);
         }
         name => {
             let chosen = |experiment: &Experiment| name == ALL || experiment.name() == name;
@@ -131,6 +148,31 @@ fn conclude(arguments: &ExperimentArguments, measured: &[Experiment]) -> Result<
         Some(path) => report::write_results(out, path).map_err(Failure::failed),
         None => Ok(()),
     }
+}
+
+/// Prints what the table of trainings contains now.
+fn write_collected(collected: &Collected) -> Result<(), Failure> {
+    let Collected {
+        flown,
+        kept,
+        copied,
+        unfinished,
+    } = collected;
+    let mut stdout = std::io::stdout().lock();
+    writeln!(
+        stdout,
+        "{flown} trainings flown, {kept} rows kept whose policies are not there, {} policies of \
+         seed 1 copied, {} runs unfinished",
+        copied.len(),
+        unfinished.len()
+    )?;
+    for name in copied {
+        writeln!(stdout, "copied: {name}.onnx")?;
+    }
+    for name in unfinished {
+        writeln!(stdout, "unfinished: {name}")?;
+    }
+    Ok(())
 }
 
 /// Computes the bounds of all missions of the figures and prints them.

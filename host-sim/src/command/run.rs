@@ -5,6 +5,7 @@ use std::{io::Write, path::PathBuf, str::FromStr};
 use clap::Args;
 use environment::Allocation;
 use host_sim::{
+    experiment::context,
     flight::{
         self, ClientSettings, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
         computer::{InProcess, OnboardComputer},
@@ -12,7 +13,7 @@ use host_sim::{
     interrupt::Presses,
     journal::{self, ParameterJournal},
     policy::PolicyChoice,
-    record::{FlightEvent, FlightRecord, SlotRecord, Summary},
+    record::{FlightEvent, FlightNotes, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
     world::SYMBOLS_PER_SLOT,
 };
@@ -126,20 +127,47 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
             "no trained policy is shipped for this mission; flying with --policy {policy_name}"
         );
     }
-    if let Some(warning) = policy.foreign_mission(&scenario) {
+    let policy_warning = policy.foreign_mission(&scenario);
+    if let Some(warning) = &policy_warning {
         eprintln!("warning: {policy_name}: {warning}");
     }
     let (prepared, client) = prepare(arguments, &scenario, policy_name)?;
-    match InProcess::new(
+    let computer = InProcess::new(
         &scenario,
         policy,
         &prepared.settings,
         client,
         &prepared.peer,
-    ) {
-        Ok(mut computer) => fly(arguments, &scenario, &mut computer, prepared),
-        Err(error) => end(Err(error.into()), arguments),
+    );
+    let mut flown = match computer {
+        Ok(mut computer) => fly(&scenario, &mut computer, prepared),
+        Err(error) => Err(error.into()),
+    };
+    match &mut flown {
+        Ok(record) => {
+            record.notes = FlightNotes {
+                policy_warning,
+                ideal_sum_rate: ideal_sum_rate(record, arguments),
+            };
+        }
+        Err(failed) => {
+            if let Some(record) = &mut failed.record {
+                record.notes.policy_warning = policy_warning;
+            }
+        }
     }
+    end(flown, arguments)
+}
+
+/// Flies the same policy with the ideal vehicle if the flight was with another one. The difference
+/// of the totals is the loss due to the vehicle's dynamics and its links.
+fn ideal_sum_rate(record: &FlightRecord, arguments: &RunArguments) -> Option<f64> {
+    if record.profile == Profile::Ideal.name() {
+        return None;
+    }
+    let (policy, inner) = (&arguments.policy, arguments.inner);
+    let ideal = context::fly(&record.scenario, &record.changes, policy, inner).ok()?;
+    Some(ideal.summary().sum_rate)
 }
 
 /// Like [`execute`], with the controller of a board.
@@ -171,11 +199,11 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
     match arguments.board.open(scenario, chosen)? {
         OpenBoard::Image(mut image) => {
             let (prepared, _) = prepare(arguments, scenario, "in flash".into())?;
-            fly(arguments, scenario, &mut *image, prepared)
+            end(fly(scenario, &mut *image, prepared), arguments)
         }
         OpenBoard::Twin(mut twin) => {
             let (prepared, _) = prepare(arguments, scenario, arguments.policy.to_string())?;
-            fly(arguments, scenario, &mut *twin, prepared)
+            end(fly(scenario, &mut *twin, prepared), arguments)
         }
     }
 }
@@ -222,11 +250,10 @@ fn prepare(
 
 /// Flies with any computer, and writes and prints what came of it.
 fn fly(
-    arguments: &RunArguments,
     scenario: &Scenario,
     computer: &mut impl OnboardComputer,
     prepared: Prepared,
-) -> Result<(), Failure> {
+) -> Result<FlightRecord, FailedFlight> {
     let Prepared {
         settings,
         peer,
@@ -235,9 +262,9 @@ fn fly(
     let flown = flight::fly_with(scenario, computer, &settings, peer, &mut show);
     show.bar.finish_and_clear();
     if let Ok(Some(footprint)) = computer.footprint() {
-        eprintln!("{}", footprint_in_words(&footprint));
+        eprintln!("{}", footprint_line(&footprint));
     }
-    end(flown, arguments)
+    flown
 }
 
 /// Returns whether events are displayed when they happen. With the built-in vehicle at full speed a

@@ -136,24 +136,59 @@ impl fmt::Display for Cell {
     }
 }
 
+/// A preset of the trainer. Learners are compared within a preset only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Preset {
+    /// The best settings that were found for SAC: the trainer's `tuned`.
+    Tuned,
+    /// The paper's settings: the trainer's `paper`.
+    TableOne,
+}
+
+impl Preset {
+    /// Both presets.
+    pub const ALL: [Self; 2] = [Self::Tuned, Self::TableOne];
+
+    /// Returns the trainer's `--preset`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tuned => "tuned",
+            Self::TableOne => "paper",
+        }
+    }
+
+    /// Returns the name for captions.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Tuned => "tuned",
+            Self::TableOne => "Table I",
+        }
+    }
+}
+
 /// The learning algorithm and the trainer's preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Learner {
-    /// SAC with the best settings that were found.
-    Sac,
-    /// SAC with Table I's settings.
-    SacTableOne,
-    /// DDPG with Table I's settings.
-    Ddpg,
+    /// SAC with a preset.
+    Sac(Preset),
+    /// DDPG with a preset.
+    Ddpg(Preset),
 }
 
 impl Learner {
+    /// All learners, in the order of the tables.
+    pub const ALL: [Self; 4] = [
+        Self::Sac(Preset::Tuned),
+        Self::Sac(Preset::TableOne),
+        Self::Ddpg(Preset::Tuned),
+        Self::Ddpg(Preset::TableOne),
+    ];
+
     /// Returns the trainer's `--algorithm` and `--preset`.
     pub fn arguments(self) -> [&'static str; 2] {
         match self {
-            Self::Sac => ["sac", "tuned"],
-            Self::SacTableOne => ["sac", "paper"],
-            Self::Ddpg => ["ddpg", "paper"],
+            Self::Sac(preset) => ["sac", preset.name()],
+            Self::Ddpg(preset) => ["ddpg", preset.name()],
         }
     }
 }
@@ -249,7 +284,7 @@ mod tests {
         let cell = Cell::table_one(Topology::Mixed).at_noise(HIGH_NOISE_DBM);
         let training = Training {
             learning_rate: Some("1e-3"),
-            ..Training::new(cell, Learner::SacTableOne, 2)
+            ..Training::new(cell, Learner::Sac(Preset::TableOne), 2)
         };
         assert_eq!(
             training.to_string(),

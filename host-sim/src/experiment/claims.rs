@@ -42,7 +42,7 @@ impl fmt::Display for Verdict {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Claim {
     /// The claim, in our words.
-    pub claimed: &'static str,
+    pub claimed: String,
     /// The verdict.
     pub verdict: Verdict,
     /// The measured numbers.
@@ -54,7 +54,7 @@ pub struct Claim {
 impl Claim {
     /// Creates a claim; the reason is only used if the claim does not hold in every case.
     pub(super) fn new(
-        claimed: &'static str,
+        claimed: impl Into<String>,
         verdict: Verdict,
         measured: String,
         reason: &'static str,
@@ -64,7 +64,7 @@ impl Claim {
             Verdict::InPart | Verdict::Differs | Verdict::Open => reason,
         };
         Self {
-            claimed,
+            claimed: claimed.into(),
             verdict,
             measured,
             reason,

@@ -1,7 +1,7 @@
 //! Provides policies, bounds and flights: shipped, trained before, or made now.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -14,6 +14,7 @@ use super::{
     Watcher,
     cell::{Cell, Learner, MSE_THRESHOLD, Topology, Training},
     learning_rows::{LearningRow, is_among},
+    seed_table::{SEEDS, SeedRow},
     table,
 };
 use crate::{
@@ -35,7 +36,7 @@ pub struct Settings {
     pub models: PathBuf,
     /// The trainer that produces missing policies; with `None` a missing policy is an error.
     pub trainer: Option<PathBuf>,
-    /// The number of seeds, from 1, of each training that is flown with several seeds: without a
+    /// The number of seeds, from 1, of each training that is measured with several seeds: without a
     /// trainer the available ones among them, with a trainer all of them.
     pub seeds: u64,
     /// Whether to certify every bound again.
@@ -77,7 +78,19 @@ pub struct BoundRow {
 pub struct ExperimentContext<'a> {
     settings: Settings,
     bounds: BTreeMap<String, BoundRow>,
+    /// The digests whose bounds were certified now rather than read.
+    certified: BTreeSet<String>,
+    seeds: Vec<SeedRow>,
     watcher: &'a dyn Watcher,
+}
+
+/// A run of a learner: a policy to fly, or the stored result of its flight.
+#[derive(Clone, Debug)]
+pub enum Run {
+    /// A policy whose file is there, or that the trainer makes.
+    Policy(Training),
+    /// A row of `seeds.csv` whose policy is not there.
+    Stored(SeedRow),
 }
 
 /// The name of the file of bounds, both in the directory of shipped policies and in that of the
@@ -85,10 +98,11 @@ pub struct ExperimentContext<'a> {
 pub const BOUNDS: &str = "bounds.csv";
 
 impl<'a> ExperimentContext<'a> {
-    /// Reads the known bounds.
+    /// Reads the known bounds and the stored results of trainings.
     ///
     /// # Errors
-    /// Returns an error if a file of bounds is not valid or a directory cannot be created.
+    /// Returns an error if a file of bounds or the table of trainings is not valid, or a directory
+    /// cannot be created.
     pub fn open(settings: Settings, watcher: &'a dyn Watcher) -> Result<Self, String> {
         fs::create_dir_all(&settings.out).map_err(|error| table::named(&settings.out, error))?;
         let mut bounds = BTreeMap::new();
@@ -103,9 +117,15 @@ impl<'a> ExperimentContext<'a> {
                     .map(|row| (row.scenario_digest.clone(), row)),
             );
         }
+        let seeds = match settings.models.join(SEEDS) {
+            path if path.exists() => table::read(&path)?,
+            _ => Vec::new(),
+        };
         Ok(Self {
             settings,
             bounds,
+            certified: BTreeSet::new(),
+            seeds,
             watcher,
         })
     }
@@ -150,9 +170,15 @@ impl<'a> ExperimentContext<'a> {
             },
             threads: rayon::current_num_threads(),
         };
+        self.certified.insert(digest.clone());
         self.bounds.insert(digest, row.clone());
         self.save_bounds()?;
         Ok(row)
+    }
+
+    /// Returns whether a bound was read from a table rather than certified by this command.
+    pub fn is_stored(&self, bound: &BoundRow) -> bool {
+        !self.certified.contains(&bound.scenario_digest)
     }
 
     /// Writes the bounds of the figures' cells in their order, followed by all others.
@@ -188,11 +214,12 @@ impl<'a> ExperimentContext<'a> {
             .collect();
         if let (Some(first), None) = (missing.first(), &self.settings.trainer) {
             return Err(format!(
-                "{} policies are missing, {first}.onnx first, neither in {} nor in {}: --train \
+                "{} policies are missing, {first}.onnx first, neither in {} nor in {}: {}--train \
                  trains them",
                 missing.len(),
                 self.settings.models.join(CELLS).display(),
                 self.settings.out.join(POLICIES).display(),
+                self.elsewhere(),
             ));
         }
         self.train(&missing)?;
@@ -203,14 +230,39 @@ impl<'a> ExperimentContext<'a> {
         trainings.iter().map(place).collect()
     }
 
-    /// Returns the seeds of a training whose policies are to be flown: with a trainer all requested
-    /// ones, without one the available ones; the first seed in any case.
-    pub fn seeds(&self, cell: Cell, learner: Learner) -> Vec<Training> {
-        let all = (1..=self.settings.seeds).map(|seed| Training::new(cell, learner, seed));
-        all.filter(|training| {
-            training.seed == 1 || self.settings.trainer.is_some() || self.find(training).is_some()
-        })
-        .collect()
+    /// Returns the runs of a learner on a mission, for seeds from 1 to `seeds` at most: the policy
+    /// if its file is there, or else its row in `seeds.csv`, or else, with a trainer, a policy that
+    /// is to be trained. If there is none, the policy of seed 1, which [`Self::policies`] then
+    /// reports as missing.
+    ///
+    /// # Errors
+    /// Returns an error if the mission is not valid.
+    pub fn runs(&self, cell: Cell, learner: Learner, seeds: u64) -> Result<Vec<Run>, String> {
+        let mut runs = Vec::new();
+        for seed in 1..=seeds.min(self.settings.seeds) {
+            let training = Training::new(cell, learner, seed);
+            if self.find(&training).is_some() {
+                runs.push(Run::Policy(training));
+            } else if let Some(row) = self.stored(&training)? {
+                runs.push(Run::Stored(row.clone()));
+            } else if self.settings.trainer.is_some() {
+                runs.push(Run::Policy(training));
+            }
+        }
+        if runs.is_empty() {
+            runs.push(Run::Policy(Training::new(cell, learner, 1)));
+        }
+        Ok(runs)
+    }
+
+    /// Returns the row of a training in `seeds.csv`.
+    ///
+    /// # Errors
+    /// Returns an error if the mission is not valid.
+    pub fn stored(&self, training: &Training) -> Result<Option<&SeedRow>, String> {
+        let digest = training.cell.scenario()?.digest();
+        let mut rows = self.seeds.iter();
+        Ok(rows.find(|row| row.is_of(training, &digest)))
     }
 
     /// Trains as many policies at a time as there are processors. An interrupted training is
@@ -297,9 +349,11 @@ impl<'a> ExperimentContext<'a> {
                 return Ok(rows);
             }
             return Err(format!(
-                "{} learning curves are missing, that of {first} first, in {}: --train trains them",
+                "{} learning curves are missing, that of {first} first, in {}: {}--train trains \
+                 them",
                 missing.len(),
-                models.join(LEARNING_CURVES).display()
+                models.join(LEARNING_CURVES).display(),
+                self.elsewhere(),
             ));
         };
         // A learning rate that is too large may make a run diverge: the curve ends there.
@@ -328,6 +382,17 @@ impl<'a> ExperimentContext<'a> {
         Ok(rows)
     }
 
+    /// Returns what to try first if there are no shipped policies in the directory of models.
+    fn elsewhere(&self) -> &'static str {
+        match self.settings.models.join(CELLS).is_dir() {
+            true => "",
+            false => {
+                "--models DIR names the repository's directory models, which is looked for in the \
+                 current directory; "
+            }
+        }
+    }
+
     /// Returns the directory of a training's run.
     pub fn run_directory(&self, training: &Training) -> PathBuf {
         self.settings.out.join(RUNS).join(training.to_string())
@@ -345,7 +410,7 @@ impl<'a> ExperimentContext<'a> {
         inner: Allocation,
     ) -> Result<FlightRecord, String> {
         self.watcher.busy(&format!("flying {cell}: {policy}"));
-        fly(&cell.scenario()?, policy, inner)
+        fly(&cell.scenario()?, &Events::default(), policy, inner)
             .map_err(|problem| format!("{cell} under {policy}: {problem}"))
     }
 }
@@ -369,6 +434,7 @@ fn processor_seconds() -> Option<f64> {
 /// was aborted.
 pub fn fly(
     scenario: &Scenario,
+    events: &Events,
     policy: &PolicyChoice,
     inner: Allocation,
 ) -> Result<FlightRecord, String> {
@@ -381,7 +447,7 @@ pub fn fly(
         seed: 1,
         // The rates are analytic; the signals are drawn by `host-sim run`.
         symbols_per_slot: 1,
-        events: Events::default(),
+        events: events.clone(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, Profile::Ideal));
     let flown = flight::fly(
@@ -400,7 +466,7 @@ const BROKEN_OFF: &str = "diverged.json";
 /// of the results.
 const LEARNING_CURVES: &str = "learning_curves.csv";
 /// The subdirectory of shipped policies in the directory of models.
-const CELLS: &str = "cells";
+pub(super) const CELLS: &str = "cells";
 /// The subdirectory of the results for policies that `--train` made.
 const POLICIES: &str = "policies";
 /// The subdirectory of the results for the runs that produced these policies.

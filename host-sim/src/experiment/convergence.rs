@@ -4,7 +4,7 @@ use plotters::chart::SeriesLabelPosition;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    cell::{Cell, Learner, Topology, Training},
+    cell::{Cell, Learner, Preset, Topology, Training},
     claims::{Claim, Tally, Verdict},
     context::ExperimentContext,
     figure::{Axis, Figure, LOOKS, Panel, Series},
@@ -34,7 +34,7 @@ pub(super) fn trainings() -> Vec<Training> {
     let of_rate = |rate: &'static str| {
         (1..=SEEDS).map(move |seed| Training {
             learning_rate: (rate != TABLE_ONE_RATE).then_some(rate),
-            ..Training::new(cell, Learner::SacTableOne, seed)
+            ..Training::new(cell, Learner::Sac(Preset::TableOne), seed)
         })
     };
     LEARNING_RATES.into_iter().flat_map(of_rate).collect()

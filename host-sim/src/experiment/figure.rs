@@ -46,13 +46,14 @@ pub(super) struct Look {
 }
 
 /// The appearances in the order in which a figure uses them, from dark to light and dark again.
-pub(super) const LOOKS: [Look; 6] = [
+pub(super) const LOOKS: [Look; 7] = [
     look(Marker::Circle, Line::Solid, [16, 16, 16]),
     look(Marker::Square, Line::Dashed(8, 4), [176, 48, 16]),
     look(Marker::Triangle, Line::Dashed(2, 4), [20, 110, 190]),
     look(Marker::Diamond, Line::Dashed(12, 3), [0, 130, 90]),
     look(Marker::Cross, Line::Dashed(5, 2), [200, 120, 0]),
     look(Marker::Plus, Line::Solid, [140, 90, 160]),
+    look(Marker::Circle, Line::Dashed(4, 4), [150, 30, 90]),
 ];
 
 /// Creates an appearance.

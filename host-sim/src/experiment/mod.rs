@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`cell`] | the missions that are flown, the trainings that produce policies, their names |
 //! | [`context`] | policies (shipped or trained now), certified bounds, flights |
+//! | [`seed_table`], [`seeds`] | the stored results of trainings, and the flights that make them |
 //! | [`totals`] | figures of total rates: `approaches`, `noise`, `strategies`, `mission-time` |
 //! | [`service`] | figures of single flights: trajectories, `schedule`, `data-per-user` |
 //! | [`convergence`] | learning curves |
@@ -21,6 +22,8 @@ mod convergence;
 mod figure;
 mod learning_rows;
 pub mod report;
+pub mod seed_table;
+pub mod seeds;
 pub mod service;
 pub mod statistics;
 pub mod table;
@@ -98,7 +101,7 @@ impl Experiment {
             Self::DataPerUser => "What each user has sent, over the threshold (fig:data)",
             Self::Schedule => "Who is served when (fig:access)",
             Self::Approaches => "Approaches to the outer problem, over the threshold (fig:alg)",
-            Self::Noise => "SAC at two noise powers (fig:sigma)",
+            Self::Noise => "SAC (tuned) at two noise powers (fig:sigma)",
             Self::Strategies => "With something held fixed, over the threshold (fig:diffing)",
             Self::MissionTime => "With something held fixed, over the mission time (fig:diffint)",
         }

@@ -49,7 +49,8 @@ pub fn write_index(directory: &Path) -> Result<(), String> {
         .with(element("h1").text(TITLE))
         .with(element("p").text(
             "Under each drawing: what the paper claims of it, whether these numbers show it, and \
-             the numbers. Drawn and judged from the CSV files beside this page.",
+             the numbers. Learners are compared only within a preset of the trainer: tuned, or \
+             the paper's Table I. Drawn and judged from the CSV files beside this page.",
         ));
     for experiment in Experiment::ALL {
         body.push(element("h2").text(experiment.title()));
@@ -65,10 +66,15 @@ pub fn write_index(directory: &Path) -> Result<(), String> {
 }
 
 const TITLE: &str = "The paper's figures, measured";
-const STYLE: &str = "body{max-width:68rem;margin:2rem auto;padding:0 1rem;font:16px/1.5 sans-serif}figure{margin:0}\
-                     svg{max-width:100%;height:auto;border:1px solid #ddd}\
+const STYLE: &str = ":root{color-scheme:light dark}\
+                     body{max-width:82rem;margin:2rem auto;padding:0 1rem;font:16px/1.5 sans-serif}\
+                     p,dl{max-width:56rem}figure{margin:0;overflow-x:auto}\
+                     svg{max-width:100%;height:auto;border:1px solid #ddd;background:#fff}\
                      h2{margin-top:3rem}dt{margin-top:.8rem}dd{margin-left:1.5rem}\
-                     b{display:inline-block;min-width:4.5rem}";
+                     b{display:inline-block;min-width:4.5rem}\
+                     @media screen and (max-width:84rem){svg{max-width:none}}\
+                     @media print{figure,dt,dd{break-inside:avoid}h2,dt{break-after:avoid}\
+                     h2{margin-top:1.5rem}}";
 
 /// Returns a claim with its verdict, and the measured numbers.
 fn entries(claim: Claim) -> [Element; 2] {
@@ -109,23 +115,36 @@ pub fn results(directory: &Path, figures: &str) -> Result<String, String> {
         let all = claims.iter().flat_map(|(_, claims)| claims);
         all.filter(|claim| claim.verdict == verdict).count()
     };
+    let approaches: Vec<TotalRow> = table::read(&Experiment::Approaches.csv(directory))?;
     let mut text = format!(
         "# Results\n\n\
          The paper's figures (Sec. VI), measured: `host-sim experiment all --out docs/figures \
-         --results docs/results.md` flies\nthe shipped policies and writes this page, the \
+         --results docs/results.md` flies\nthe stored policies and writes this page, the \
          drawings and their CSV files. Nothing here is typed by hand.\nThe paper prints no \
          values, no layouts and no seeds, so its claims are compared, not its numbers: \
-         agree: {},\nin part: {}, differ: {}, open: {}.\n\n\
-         SAC is the trainer's preset `tuned`, which goes beyond the paper's Alg. 2 \
-         (docs/training.md); \"SAC, Table I\" and\nDDPG have the paper's settings, and compare \
-         with each other. Where three seeds or more were flown, the mean is\ngiven with its 95 % \
-         interval (Student's t). Rates are totals over the mission in bit/s/Hz.\n",
+         agree: {},\nin part: {}, differ: {}, open: {}. A claim about learners is counted once \
+         for each preset.\n\n\
+         * The policy `shipped`, which `host-sim run` flies by default, is SAC with Table I's \
+         settings, seed 1, trained for the\n  very mission that it flies; for a mission without \
+         such a policy it is the onboard planner.\n\
+         * SAC and DDPG are each trained with two presets of the trainer: `tuned`, the best \
+         settings found for SAC, which go\n  beyond the paper's Alg. 2 (docs/training.md), and \
+         `paper`, written \"Table I\". Learners are compared only within a\n  preset. Every \
+         policy is trained for the mission that it flies.\n\
+         * n is the number of seeds. From three seeds on, the mean is given with its 95 % \
+         interval (Student's t); below that\n  there is no interval. The policies of seed 1 \
+         are flown; \"stored\" counts the runs whose totals are read from\n  \
+         `models/seeds.csv`, which `host-sim experiment seeds` wrote when it flew them.\n\
+         * The figures of single flights, and those with something held fixed, show seed 1 \
+         alone.\n\
+         * Rates are totals over the mission in bit/s/Hz.\n",
         count(Verdict::Agrees),
         count(Verdict::InPart),
         count(Verdict::Differs),
         count(Verdict::Open)
     );
-    text += &optimality(&table::read(&Experiment::Approaches.csv(directory))?);
+    text += &seeds_of_learners(&approaches);
+    text += &optimality(&approaches);
     for (experiment, claims) in claims {
         let name = experiment.name();
         let _ = write!(
@@ -155,24 +174,66 @@ pub fn results(directory: &Path, figures: &str) -> Result<String, String> {
     Ok(text)
 }
 
-const COMPARED: [Approach; 5] = [
-    Approach::Search,
-    Approach::Sac,
+const LEARNERS: [Approach; 4] = [
+    Approach::SacTuned,
     Approach::SacTableOne,
-    Approach::Ddpg,
-    Approach::StraightLine,
+    Approach::DdpgTuned,
+    Approach::DdpgTableOne,
 ];
+
+/// Returns a table of how many seeds each learner has.
+fn seeds_of_learners(rows: &[TotalRow]) -> String {
+    let mut text = String::from(
+        "\n## Seeds\n\nCells (mission, threshold, noise power) by the number of seeds that this \
+         page has of each learner.\n\n| learner | one seed | two seeds | three or more | runs | \
+         of them stored |\n|---|---|---|---|---|---|\n",
+    );
+    for learner in LEARNERS {
+        let of_learner = || rows.iter().filter(move |row| row.approach == learner);
+        let cells = |is: fn(usize) -> bool| of_learner().filter(|row| is(row.runs)).count();
+        let runs: usize = of_learner().map(|row| row.runs).sum();
+        let stored: usize = of_learner().map(|row| row.stored).sum();
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {} | {runs} | {stored} |",
+            learner.title(),
+            cells(|runs| runs == 1),
+            cells(|runs| runs == 2),
+            cells(|runs| runs > 2),
+        );
+    }
+    text
+}
+
+/// Returns the heading of a column of totals. It says if the whole column was read from a table.
+fn heading<'a>(approach: Approach, mut rows: impl Iterator<Item = &'a TotalRow>) -> String {
+    let title = approach.title();
+    match rows.all(|row| row.approach != approach || row.stored == row.runs) {
+        true => format!("{title} (stored)"),
+        false => title.into(),
+    }
+}
+
+const STORED_BOUNDS: &str = "\n\"(stored)\": the column is read from a table and not computed with this page. \
+                             `search` and `certified bound` are in\n`models/bounds.csv`; \
+                             `host-sim experiment bounds --fresh` computes them again.\n";
 
 /// Returns a table of every approach as a fraction of the certified bound.
 fn optimality(rows: &[TotalRow]) -> String {
-    let mut text = String::from(
+    let compared = [Approach::Search]
+        .into_iter()
+        .chain(LEARNERS)
+        .chain([Approach::StraightLine]);
+    let compared: Vec<Approach> = compared.collect();
+    let mut text = format!(
         "\n## Optimality\n\nTotal rates, and in brackets the fraction of the certified bound \
-         (`docs/bound.md`): no mission has more than the bound.\n\n| topology | dBm | Gamma | bound |",
+         (`docs/bound.md`): no mission has more than the bound.\n\n| topology | dBm | Gamma | {} |",
+        heading(Approach::Bound, rows.iter())
     );
-    for approach in COMPARED {
-        let _ = write!(text, " {} |", approach.title());
+    for &approach in &compared {
+        let _ = write!(text, " {} |", heading(approach, rows.iter()));
     }
-    let columns = 4 + COMPARED.len();
+    let columns = 4 + compared.len();
     let _ = writeln!(text, "\n{}|", "|---".repeat(columns));
     for bound in rows.iter().filter(|row| row.approach == Approach::Bound) {
         let _ = write!(
@@ -183,31 +244,37 @@ fn optimality(rows: &[TotalRow]) -> String {
             bound.mse_threshold,
             bound.sum_rate
         );
-        for approach in COMPARED {
-            let row = rows.iter().find(|row| {
-                row.approach == approach
-                    && row.topology == bound.topology
-                    && row.noise_dbm == bound.noise_dbm
-                    && row.mse_threshold == bound.mse_threshold
-            });
-            text += &match row {
+        for &approach in &compared {
+            let mut of_approach = rows.iter().filter(|row| row.approach == approach);
+            text += &match of_approach.find(|row| row.is_of_mission(bound)) {
                 None => " |".to_owned(),
                 Some(row) => {
                     let share = 100.0 * row.sum_rate / bound.sum_rate;
-                    format!(" {} ({share:.1} %) |", rate(row))
+                    format!(" {} ({share:.1} %){} |", rate(row), seeds(row))
                 }
             };
         }
         text.push('\n');
+    }
+    if rows.iter().any(|row| row.stored > 0) {
+        text += STORED_BOUNDS;
     }
     text
 }
 
 fn rate(row: &TotalRow) -> String {
     match row.interval_95 {
-        Some(half) => format!("{:.2} ± {half:.2} of {}", row.sum_rate, row.runs),
-        None if row.runs > 1 => format!("{:.2}, mean of {}", row.sum_rate, row.runs),
+        Some(half) => format!("{:.2} ± {half:.2}", row.sum_rate),
         None => format!("{:.2}", row.sum_rate),
+    }
+}
+
+/// Returns the number of seeds of a learner, and how many of them are stored.
+fn seeds(row: &TotalRow) -> String {
+    match (row.approach.learner(), row.stored) {
+        (None, _) => String::new(),
+        (Some(_), 0) => format!(", n {}", row.runs),
+        (Some(_), stored) => format!(", n {} ({stored} stored)", row.runs),
     }
 }
 
@@ -220,16 +287,16 @@ fn totals(rows: &[TotalRow]) -> String {
         }
     }
     let mut text = String::from("\n| topology | s | dBm | Gamma |");
-    for approach in &approaches {
-        let _ = write!(text, " {} |", approach.title());
+    for &approach in &approaches {
+        let _ = write!(text, " {} |", heading(approach, rows.iter()));
     }
     let _ = writeln!(
         text,
         "\n|---|---|---|---|{}",
         "---|".repeat(approaches.len())
     );
-    for chunk in rows.chunks(approaches.len()) {
-        let first = &chunk[0];
+    for mission in rows.chunk_by(TotalRow::is_of_mission) {
+        let first = &mission[0];
         let _ = write!(
             text,
             "| {} | {} | {} | {:.3} |",
@@ -238,17 +305,23 @@ fn totals(rows: &[TotalRow]) -> String {
             first.noise_dbm,
             first.mse_threshold
         );
-        for row in chunk {
+        for row in mission {
             let missed = match row.missed_slots {
                 0.0 => String::new(),
                 slots => format!(", {slots:.0} missed"),
             };
-            let _ = write!(text, " {}{missed} |", rate(row));
+            let _ = write!(text, " {}{}{missed} |", rate(row), seeds(row));
         }
         text.push('\n');
     }
     if rows.iter().any(|row| row.missed_slots > 0.0) {
         text += "\n\"missed\": slots in which Gamma could not be met; they carry nothing.\n";
+    }
+    if rows
+        .iter()
+        .any(|row| row.approach == Approach::Bound && row.stored > 0)
+    {
+        text += STORED_BOUNDS;
     }
     text
 }
@@ -321,7 +394,7 @@ pub fn write_cards(context: &mut ExperimentContext<'_>, path: &Path) -> Result<(
     );
     let seeds = context.settings().seeds;
     for cell in Cell::all() {
-        for learner in [Learner::Sac, Learner::SacTableOne, Learner::Ddpg] {
+        for learner in Learner::ALL {
             for seed in 1..=seeds {
                 let training = Training::new(cell, learner, seed);
                 if let Some(file) = context.find(&training) {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Experiment,
-    cell::{Cell, Learner, MSE_THRESHOLDS, Topology, Training},
+    cell::{Cell, MSE_THRESHOLDS, Preset, Topology, Training},
     context::ExperimentContext,
     figure::{Axis, Figure, LOOKS, Line, Look, Marker, Panel, Series, look},
     rounded,
@@ -76,27 +76,28 @@ fn flights(experiment: Experiment) -> Vec<(Cell, Approach)> {
     let ends = [MSE_THRESHOLDS[0], MSE_THRESHOLDS[3]];
     match experiment {
         Experiment::TrajectoriesSeparated => {
-            over(Topology::Separated, &MSE_THRESHOLDS, Approach::Sac)
+            over(Topology::Separated, &MSE_THRESHOLDS, Approach::SacTuned)
         }
-        Experiment::TrajectoriesMixed => over(Topology::Mixed, &MSE_THRESHOLDS, Approach::Sac),
-        Experiment::TrajectoriesCompared => Topology::ALL
-            .into_iter()
-            .flat_map(|topology| {
-                [
-                    over(topology, &ends, Approach::Sac),
-                    over(topology, &ends, Approach::Ddpg),
-                    over(topology, &ends[..1], Approach::StraightLine),
-                ]
-                .concat()
-            })
-            .collect(),
+        Experiment::TrajectoriesMixed => over(Topology::Mixed, &MSE_THRESHOLDS, Approach::SacTuned),
+        Experiment::TrajectoriesCompared => {
+            let learners =
+                Preset::ALL.map(|preset| [Approach::sac(preset), Approach::ddpg(preset)]);
+            Topology::ALL
+                .into_iter()
+                .flat_map(|topology| {
+                    let learners = learners.into_iter().flatten();
+                    let flights = learners.flat_map(move |learner| over(topology, &ends, learner));
+                    flights.chain(over(topology, &ends[..1], Approach::StraightLine))
+                })
+                .collect()
+        }
         Experiment::Schedule => Topology::ALL
             .into_iter()
-            .flat_map(|topology| over(topology, &ends, Approach::Sac))
+            .flat_map(|topology| over(topology, &ends, Approach::SacTuned))
             .collect(),
         _ => Topology::ALL
             .into_iter()
-            .flat_map(|topology| over(topology, &MSE_THRESHOLDS, Approach::Sac))
+            .flat_map(|topology| over(topology, &MSE_THRESHOLDS, Approach::SacTuned))
             .collect(),
     }
 }
@@ -106,10 +107,9 @@ fn fly(
     context: &ExperimentContext<'_>,
 ) -> Result<Vec<(Cell, Approach, FlightRecord)>, String> {
     let flights = flights(experiment);
-    let training = |cell: Cell, approach: Approach| match approach {
-        Approach::Ddpg => Some(Training::new(cell, Learner::Ddpg, 1)),
-        Approach::Sac => Some(Training::new(cell, Learner::Sac, 1)),
-        _ => None,
+    let training = |cell: Cell, approach: Approach| {
+        let learner = approach.learner();
+        learner.map(|learner| Training::new(cell, learner, 1))
     };
     let wanted = flights
         .iter()
@@ -213,13 +213,31 @@ fn ground(mission: &HostMission) -> Vec<Series> {
     ]
 }
 
+/// Returns the panels of a map: for each topology, or for the comparison of learners for each preset
+/// and topology, so that only learners of the same preset are drawn together.
+fn map_panels(experiment: Experiment) -> Vec<(Topology, Option<Preset>)> {
+    let presets: &[Option<Preset>] = match experiment {
+        Experiment::TrajectoriesCompared => &[Some(Preset::Tuned), Some(Preset::TableOne)],
+        _ => &[None],
+    };
+    let of_preset =
+        |&preset: &Option<Preset>| Topology::ALL.map(|topology: Topology| (topology, preset));
+    presets.iter().flat_map(of_preset).collect()
+}
+
 /// Draws the trajectories on a map.
 pub(super) fn map(experiment: Experiment, rows: &[SlotRow]) -> Result<Figure, String> {
     let mut panels = Vec::new();
-    for topology in Topology::ALL {
+    for (topology, preset) in map_panels(experiment) {
+        let is_shown = |approach: Approach| match (preset, approach) {
+            (None, _) | (_, Approach::StraightLine) => true,
+            (Some(preset), _) => {
+                [Approach::sac(preset), Approach::ddpg(preset)].contains(&approach)
+            }
+        };
         let flights: Vec<_> = flights(experiment)
             .into_iter()
-            .filter(|(cell, _)| cell.topology == topology)
+            .filter(|&(cell, approach)| cell.topology == topology && is_shown(approach))
             .collect();
         if flights.is_empty() {
             continue;
@@ -251,7 +269,10 @@ pub(super) fn map(experiment: Experiment, rows: &[SlotRow]) -> Result<Figure, St
             });
         }
         panels.push(Panel {
-            title: topology.title().into(),
+            title: match preset {
+                Some(preset) => format!("{}, {}", topology.title(), preset.title()),
+                None => format!("{}, SAC (tuned)", topology.title()),
+            },
             x: axis("east, m", p.area.east_m),
             y: axis("north, m", p.area.north_m),
             series,
@@ -262,7 +283,7 @@ pub(super) fn map(experiment: Experiment, rows: &[SlotRow]) -> Result<Figure, St
         });
     }
     Ok(Figure {
-        columns: panels.len(),
+        columns: panels.len().min(2),
         panels,
         size: (640, 620),
     })
@@ -290,7 +311,7 @@ pub(super) fn timeline(rows: &[SlotRow]) -> Figure {
             Series::new(name, look, points.collect())
         });
         Panel {
-            title: format!("SAC, {}", topology.title()),
+            title: format!("SAC (tuned), {}", topology.title()),
             x: Axis {
                 label: "slot".into(),
                 from: 0.0,
@@ -331,7 +352,7 @@ pub(super) fn data_figure(rows: &[DataRow]) -> Figure {
         // The loosest threshold is on top in the drawing, and therefore also in the legend.
         series.reverse();
         Panel {
-            title: format!("SAC, {}", topology.title()),
+            title: format!("SAC (tuned), {}", topology.title()),
             x: Axis {
                 label: "user".into(),
                 from: 0.0,

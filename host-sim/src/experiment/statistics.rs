@@ -21,6 +21,17 @@ pub fn deviation(values: &[f64]) -> Option<f64> {
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
+/// Returns the median; NaN if there are no values.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match (sorted.len(), sorted.len() / 2) {
+        (0, _) => f64::NAN,
+        (count, middle) if count % 2 == 1 => sorted[middle],
+        (_, middle) => 0.5 * (sorted[middle - 1] + sorted[middle]),
+    }
+}
+
 /// Returns half the width of the mean's 95 % confidence interval, assuming normally distributed
 /// values; `None` for fewer than three values, because the interval of two is nine standard
 /// deviations wide and carries no information. Beyond 16 values the quantile of 15 degrees of
@@ -43,6 +54,8 @@ mod tests {
         let values = [1.0, 2.0, 3.0];
         assert_eq!(mean(&values), 2.0);
         assert_eq!(deviation(&values), Some(1.0));
+        assert_eq!((median(&values), median(&values[1..])), (2.0, 2.5));
+        assert!(median(&[]).is_nan());
         let half = half_width_95(&values).expect("three values");
         assert!((half - 4.303 / 3.0_f64.sqrt()).abs() < 1e-12);
         assert_eq!(half_width_95(&[1.0, 2.0]), None);

@@ -11,15 +11,17 @@ use serde::{Deserialize, Serialize};
 use super::{
     Experiment,
     cell::{
-        Cell, HIGH_NOISE_DBM, Learner, MISSION_TIMES_S, MSE_THRESHOLDS, NOISE_DBM, Topology,
-        Training,
+        Cell, HIGH_NOISE_DBM, Learner, MISSION_TIMES_S, MSE_THRESHOLDS, NOISE_DBM, Preset,
+        Topology, Training,
     },
     claims::range,
-    context::ExperimentContext,
+    context::{ExperimentContext, Run},
     figure::{Axis, Figure, LOOKS, Look, Panel, Series},
-    rounded, statistics,
+    rounded,
+    seed_table::SeedRow,
+    statistics,
 };
-use crate::{policy::PolicyChoice, record::Summary};
+use crate::policy::PolicyChoice;
 use environment::Allocation;
 
 pub(super) use verdicts::{
@@ -30,12 +32,14 @@ pub(super) use verdicts::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Approach {
-    /// SAC with the best settings that were found.
-    Sac,
+    /// SAC with the trainer's preset `tuned`.
+    SacTuned,
     /// SAC with Table I's settings.
     SacTableOne,
+    /// DDPG with the trainer's preset `tuned`.
+    DdpgTuned,
     /// DDPG with Table I's settings.
-    Ddpg,
+    DdpgTableOne,
     /// Straight to the destination, serving the nearest admissible user.
     StraightLine,
     /// The best known mission.
@@ -44,9 +48,9 @@ pub enum Approach {
     Bound,
     /// Hovering over the centre of all nodes, serving the nearest admissible user.
     FixedPosition,
-    /// SAC's policy; users send with full power or not at all.
+    /// The policy of SAC, tuned; users send with full power or not at all.
     FixedUserPower,
-    /// SAC's policy; sensors send with full power.
+    /// The policy of SAC, tuned; sensors send with full power.
     FixedSensorPower,
 }
 
@@ -54,9 +58,10 @@ impl Approach {
     /// Returns the name for legends and tables.
     pub fn title(self) -> &'static str {
         match self {
-            Self::Sac => "SAC",
-            Self::SacTableOne => "SAC, Table I",
-            Self::Ddpg => "DDPG",
+            Self::SacTuned => "SAC (tuned)",
+            Self::SacTableOne => "SAC (Table I)",
+            Self::DdpgTuned => "DDPG (tuned)",
+            Self::DdpgTableOne => "DDPG (Table I)",
             Self::StraightLine => "straight line",
             Self::Search => "search",
             Self::Bound => "certified bound",
@@ -69,21 +74,41 @@ impl Approach {
     /// Returns the appearance, which is the same in every figure.
     fn look(self) -> Look {
         LOOKS[match self {
-            Self::Sac => 0,
-            Self::Ddpg | Self::FixedPosition => 1,
+            Self::SacTuned => 0,
+            Self::DdpgTableOne | Self::FixedPosition => 1,
             Self::StraightLine | Self::FixedUserPower => 2,
             Self::Search | Self::FixedSensorPower => 3,
             Self::SacTableOne => 4,
             Self::Bound => 5,
+            Self::DdpgTuned => 6,
         }]
     }
 
+    /// Returns SAC with a preset.
+    pub fn sac(preset: Preset) -> Self {
+        match preset {
+            Preset::Tuned => Self::SacTuned,
+            Preset::TableOne => Self::SacTableOne,
+        }
+    }
+
+    /// Returns DDPG with a preset.
+    pub fn ddpg(preset: Preset) -> Self {
+        match preset {
+            Preset::Tuned => Self::DdpgTuned,
+            Preset::TableOne => Self::DdpgTableOne,
+        }
+    }
+
     /// Returns the learner of the approach, if it has one.
-    fn learner(self) -> Option<Learner> {
+    pub(super) fn learner(self) -> Option<Learner> {
         match self {
-            Self::Sac | Self::FixedUserPower | Self::FixedSensorPower => Some(Learner::Sac),
-            Self::SacTableOne => Some(Learner::SacTableOne),
-            Self::Ddpg => Some(Learner::Ddpg),
+            Self::SacTuned | Self::FixedUserPower | Self::FixedSensorPower => {
+                Some(Learner::Sac(Preset::Tuned))
+            }
+            Self::SacTableOne => Some(Learner::Sac(Preset::TableOne)),
+            Self::DdpgTuned => Some(Learner::Ddpg(Preset::Tuned)),
+            Self::DdpgTableOne => Some(Learner::Ddpg(Preset::TableOne)),
             Self::StraightLine | Self::Search | Self::Bound | Self::FixedPosition => None,
         }
     }
@@ -110,8 +135,11 @@ pub struct TotalRow {
     pub mse_threshold: f64,
     /// The approach that was flown.
     pub approach: Approach,
-    /// The number of policies of different seeds that were flown.
+    /// The number of policies of different seeds.
     pub runs: usize,
+    /// The number of runs among them that were read from a table (`models/seeds.csv`, or
+    /// `models/bounds.csv` for `search` and `bound`) and not computed with the figure.
+    pub stored: usize,
     /// The sum of the rates, bit/s/Hz, averaged over the runs.
     pub sum_rate: f64,
     /// Half the width of its 95 % confidence interval.
@@ -122,9 +150,24 @@ pub struct TotalRow {
     pub missed_slots: f64,
     /// Whether every run arrived, was fair and violated no limit.
     pub constraints_held: bool,
+    /// The seeds of the runs that look failed, separated by spaces: their totals are below
+    /// [`FAILED`] times the median of the others.
+    pub failed_seeds: String,
 }
 
+/// A run whose total is below this fraction of the median of the same cell's other seeds looks
+/// failed.
+pub const FAILED: f64 = 0.9;
+
 impl TotalRow {
+    /// Returns whether another row is of the same mission.
+    pub(super) fn is_of_mission(&self, other: &Self) -> bool {
+        self.topology == other.topology
+            && self.mission_time_s == other.mission_time_s
+            && self.noise_dbm == other.noise_dbm
+            && self.mse_threshold == other.mse_threshold
+    }
+
     fn is_of(&self, cell: &Cell) -> bool {
         self.topology == cell.topology
             && self.mission_time_s == cell.slots
@@ -155,22 +198,93 @@ fn cells(experiment: Experiment) -> Vec<Cell> {
 /// Returns the approaches of a figure, in the paper's order.
 fn approaches(experiment: Experiment) -> &'static [Approach] {
     use Approach::{
-        Bound, Ddpg, FixedPosition, FixedSensorPower, FixedUserPower, Sac, SacTableOne, Search,
-        StraightLine,
+        Bound, DdpgTableOne, DdpgTuned, FixedPosition, FixedSensorPower, FixedUserPower,
+        SacTableOne, SacTuned, Search, StraightLine,
     };
     match experiment {
-        Experiment::Noise => &[Sac],
-        Experiment::Strategies => &[Sac, FixedPosition, FixedUserPower, FixedSensorPower],
-        Experiment::MissionTime => &[Sac, FixedPosition, FixedUserPower, FixedSensorPower, Bound],
-        _ => &[Sac, SacTableOne, Ddpg, StraightLine, Search, Bound],
+        Experiment::Noise => &[SacTuned],
+        Experiment::Strategies => &[SacTuned, FixedPosition, FixedUserPower, FixedSensorPower],
+        Experiment::MissionTime => &[
+            SacTuned,
+            FixedPosition,
+            FixedUserPower,
+            FixedSensorPower,
+            Bound,
+        ],
+        _ => &[
+            SacTuned,
+            SacTableOne,
+            DdpgTuned,
+            DdpgTableOne,
+            StraightLine,
+            Search,
+            Bound,
+        ],
     }
 }
 
-/// One flight that a figure needs.
+/// Returns how many seeds of a learner a figure shows. The schemes that hold something fixed fly
+/// the policy of seed 1, and so does SAC beside them.
+fn seeds(experiment: Experiment) -> u64 {
+    match experiment {
+        Experiment::Approaches | Experiment::Noise => u64::MAX,
+        _ => 1,
+    }
+}
+
+/// One run that a figure needs.
 struct FlightJob {
     cell: Cell,
     approach: Approach,
-    policy: PolicyChoice,
+    seed: u64,
+    source: Source,
+}
+
+/// Where the result of a run comes from.
+enum Source {
+    Flight(PolicyChoice),
+    Table(SeedRow),
+}
+
+/// The result of a run.
+struct RunResult {
+    seed: u64,
+    stored: bool,
+    sum_rate: f64,
+    missed_slots: f64,
+    constraints_held: bool,
+}
+
+impl FlightJob {
+    fn result(&self, context: &ExperimentContext<'_>) -> Result<RunResult, String> {
+        let Self {
+            cell,
+            approach,
+            seed,
+            ..
+        } = *self;
+        Ok(match &self.source {
+            Source::Table(row) => RunResult {
+                seed,
+                stored: true,
+                sum_rate: row.sum_rate,
+                missed_slots: row.missed_slots as f64,
+                constraints_held: row.arrived && row.fair && row.constraint_violations == 0,
+            },
+            Source::Flight(policy) => {
+                let flown = context.fly(&cell, policy, approach.inner())?.summary();
+                RunResult {
+                    seed,
+                    stored: false,
+                    sum_rate: flown.sum_rate,
+                    missed_slots: flown.mse_violations as f64,
+                    constraints_held: flown.arrived
+                        && flown.fair
+                        && flown.constraint_violations == 0,
+                }
+            }
+        })
+    }
 }
 
 /// Flies and certifies everything that a figure shows.
@@ -178,70 +292,86 @@ pub(super) fn measure(
     experiment: Experiment,
     context: &mut ExperimentContext<'_>,
 ) -> Result<Vec<TotalRow>, String> {
-    let mut trainings: Vec<(Cell, Approach, Training)> = Vec::new();
+    let mut trainings: Vec<(Approach, Training)> = Vec::new();
     let mut jobs = Vec::new();
     let mut plan = Vec::new();
     for cell in cells(experiment) {
         for &approach in approaches(experiment) {
-            let policy = match approach {
-                Approach::StraightLine => PolicyChoice::StraightLine,
-                Approach::FixedPosition => PolicyChoice::Fixed,
-                _ => {
-                    if let Some(learner) = approach.learner() {
-                        let seeds = context.seeds(cell, learner);
-                        let seeds = seeds.into_iter();
-                        trainings.extend(seeds.map(|training| (cell, approach, training)));
-                    }
-                    plan.push((cell, approach));
-                    continue;
-                }
-            };
             plan.push((cell, approach));
-            jobs.push(FlightJob {
-                cell,
-                approach,
-                policy,
-            });
+            let mut add = |seed, source| {
+                jobs.push(FlightJob {
+                    cell,
+                    approach,
+                    seed,
+                    source,
+                });
+            };
+            match approach {
+                Approach::StraightLine => add(1, Source::Flight(PolicyChoice::StraightLine)),
+                Approach::FixedPosition => add(1, Source::Flight(PolicyChoice::Fixed)),
+                _ => {
+                    let Some(learner) = approach.learner() else {
+                        continue;
+                    };
+                    for run in context.runs(cell, learner, seeds(experiment))? {
+                        match run {
+                            Run::Policy(training) => trainings.push((approach, training)),
+                            Run::Stored(row) if approach.inner() == Allocation::Exact => {
+                                add(row.seed, Source::Table(row));
+                            }
+                            // The table has no flights with other allocations, so the policy is
+                            // needed, and reported as missing.
+                            Run::Stored(row) => {
+                                let training = Training::new(cell, learner, row.seed);
+                                trainings.push((approach, training));
+                            }
+                        }
+                    }
+                }
+            }
         }
     }
-    let wanted: Vec<Training> = trainings.iter().map(|(.., training)| *training).collect();
+    let wanted: Vec<Training> = trainings.iter().map(|(_, training)| *training).collect();
     let files = context.policies(&wanted)?;
-    for ((cell, approach, _), file) in trainings.into_iter().zip(files) {
+    for ((approach, training), file) in trainings.into_iter().zip(files) {
         jobs.push(FlightJob {
-            cell,
+            cell: training.cell,
             approach,
-            policy: PolicyChoice::File(file),
+            seed: training.seed,
+            source: Source::Flight(PolicyChoice::File(file)),
         });
     }
-    let flown: Result<Vec<Summary>, String> = jobs
-        .par_iter()
-        .map(|sortie| {
-            let FlightJob {
-                cell,
-                approach,
-                policy,
-            } = sortie;
-            Ok(context.fly(cell, policy, approach.inner())?.summary())
-        })
-        .collect();
-    let flown = flown?;
+    let results: Result<Vec<RunResult>, String> =
+        jobs.par_iter().map(|job| job.result(context)).collect();
+    let results = results?;
     let mut rows = Vec::new();
     for (cell, approach) in plan {
-        let summaries = jobs
+        let of_row = jobs
             .iter()
-            .zip(&flown)
-            .filter(|(sortie, _)| sortie.cell == cell && sortie.approach == approach);
-        let summaries: Vec<&Summary> = summaries.map(|(_, summary)| summary).collect();
+            .zip(&results)
+            .filter(|(job, _)| job.cell == cell && job.approach == approach);
+        let mut of_row: Vec<&RunResult> = of_row.map(|(_, result)| result).collect();
+        of_row.sort_by_key(|result| result.seed);
         rows.push(match approach {
-            Approach::Search => certified(cell, approach, context.bound(&cell)?.lower),
-            Approach::Bound => certified(cell, approach, context.bound(&cell)?.upper),
-            _ => total(cell, approach, &summaries),
+            Approach::Search | Approach::Bound => {
+                let bound = context.bound(&cell)?;
+                let rate = match approach {
+                    Approach::Search => bound.lower,
+                    _ => bound.upper,
+                };
+                let stored = usize::from(context.is_stored(&bound));
+                TotalRow {
+                    stored,
+                    ..single(cell, approach, rate)
+                }
+            }
+            _ => total(cell, approach, &of_row),
         });
     }
     Ok(rows)
 }
 
-fn certified(cell: Cell, approach: Approach, sum_rate: f64) -> TotalRow {
+fn single(cell: Cell, approach: Approach, sum_rate: f64) -> TotalRow {
     TotalRow {
         topology: cell.topology,
         mission_time_s: cell.slots,
@@ -249,29 +379,34 @@ fn certified(cell: Cell, approach: Approach, sum_rate: f64) -> TotalRow {
         mse_threshold: cell.mse_threshold,
         approach,
         runs: 1,
+        stored: 0,
         sum_rate: rounded(sum_rate),
         interval_95: None,
         sum_rate_max: rounded(sum_rate),
         missed_slots: 0.0,
         constraints_held: true,
+        failed_seeds: String::new(),
     }
 }
 
-fn total(cell: Cell, approach: Approach, flights: &[&Summary]) -> TotalRow {
-    let rates: Vec<f64> = flights.iter().map(|flight| flight.sum_rate).collect();
-    let missed: Vec<f64> = flights
-        .iter()
-        .map(|flight| flight.mse_violations as f64)
-        .collect();
+fn total(cell: Cell, approach: Approach, runs: &[&RunResult]) -> TotalRow {
+    let rates: Vec<f64> = runs.iter().map(|run| run.sum_rate).collect();
+    let missed: Vec<f64> = runs.iter().map(|run| run.missed_slots).collect();
+    let failed = runs.iter().enumerate().filter(|(index, run)| {
+        let mut others = rates.clone();
+        others.remove(*index);
+        run.sum_rate < FAILED * statistics::median(&others)
+    });
+    let failed: Vec<String> = failed.map(|(_, run)| run.seed.to_string()).collect();
     TotalRow {
-        runs: flights.len(),
+        runs: runs.len(),
+        stored: runs.iter().filter(|run| run.stored).count(),
         interval_95: statistics::half_width_95(&rates).map(rounded),
         sum_rate_max: rounded(range(rates.iter().copied()).1),
         missed_slots: rounded(statistics::mean(&missed)),
-        constraints_held: flights
-            .iter()
-            .all(|flight| flight.arrived && flight.fair && flight.constraint_violations == 0),
-        ..certified(cell, approach, statistics::mean(&rates))
+        constraints_held: runs.iter().all(|run| run.constraints_held),
+        failed_seeds: failed.join(" "),
+        ..single(cell, approach, statistics::mean(&rates))
     }
 }
 
@@ -359,7 +494,7 @@ fn series(
             .into_iter()
             .zip(LOOKS)
             .map(|(noise, look)| {
-                of(format!("SAC, {noise} dBm"), look, &|row| {
+                of(format!("SAC (tuned), {noise} dBm"), look, &|row| {
                     row.noise_dbm == noise
                 })
             })

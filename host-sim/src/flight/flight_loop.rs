@@ -25,7 +25,7 @@ use super::{
     stopwatch::Stopwatch,
 };
 use crate::{
-    record::{FlightEvent, FlightRecord, PathSample},
+    record::{FlightEvent, FlightNotes, FlightRecord, PathSample},
     world::World,
 };
 
@@ -100,6 +100,7 @@ pub fn fly_with(
         events: flight.events,
         completed: false,
         ended: String::new(),
+        notes: FlightNotes::default(),
     };
     outcome_with_record(outcome, flight.connected, record)
 }

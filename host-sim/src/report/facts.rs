@@ -3,7 +3,7 @@
 
 use firmware_core::inner::LimitedBy;
 
-use super::slots_csv;
+use super::{against_waypoints, of_ideal_flight, slots_csv};
 use crate::record::{FlightRecord, Summary, Timing};
 use figures::{
     axis::DETAILED_SLOTS_MAX,
@@ -27,7 +27,7 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
             significant(timing.max, 3)
         )
     };
-    let outcome = vec![
+    let mut outcome = vec![
         (
             "Total rate, of limit",
             format!(
@@ -85,13 +85,13 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
                 decimal(summary.planned_vs_flown_median_m, 3)
             ),
         ),
-        (
-            "Rate that this cost",
-            format!("{} bit/s/Hz", decimal(summary.planned_vs_flown_rate, 4)),
-        ),
         ("Plan, median and max", timing(&summary.plan_us)),
         ("Allocate, median and max", timing(&summary.allocate_us)),
     ];
+    if let Some((share, of)) = of_ideal_flight(summary) {
+        outcome.insert(1, ("Of the ideal flight", format!("{share} {of}")));
+        outcome.push(("Rate where it flew", against_waypoints(summary, 4)));
+    }
     let table_one = vec![
         (
             "Slots N, duration δ",

@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use crate::record::{FlightRecord, LinkRecord, PathSample, SignalRecord, SlotRecord};
+use crate::record::{FlightNotes, FlightRecord, LinkRecord, PathSample, SignalRecord, SlotRecord};
 use scenario::{Events, Scenario};
 
 const SYMBOLS: u32 = 334;
@@ -81,6 +81,7 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
         events: Vec::new(),
         completed: true,
         ended: "landed".into(),
+        notes: FlightNotes::default(),
     }
 }
 

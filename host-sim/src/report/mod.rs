@@ -38,6 +38,27 @@ use scenario::Scenario;
 
 pub use table::{Look, table};
 
+/// Returns the fraction that the total is of the ideal flight's, and of what it is a fraction, if
+/// the ideal flight was flown.
+fn of_ideal_flight(summary: &Summary) -> Option<(String, String)> {
+    let ideal = summary.ideal_sum_rate.filter(|ideal| *ideal > 0.0)?;
+    let ideal_rate = quantity::significant(ideal, 4);
+    Some((
+        quantity::percent(summary.sum_rate / ideal),
+        format!("of {ideal_rate}, the same policy with the ideal vehicle"),
+    ))
+}
+
+/// Returns how the rates at the flown positions compare with those at the waypoints.
+fn against_waypoints(summary: &Summary, decimals: usize) -> String {
+    let lost = summary.planned_vs_flown_rate;
+    format!(
+        "{} bit/s/Hz {} than at the waypoints",
+        quantity::decimal(lost.abs(), decimals),
+        if lost < 0.0 { "more" } else { "less" }
+    )
+}
+
 /// The file that is written last.
 const SUMMARY: &str = "summary.json";
 /// All files of a report. The file that marks a report as complete is deleted first.

@@ -4,7 +4,7 @@
 
 use firmware_core::{inner::LimitedBy, shield::Intervention};
 
-use super::{facts, map, schedule, series};
+use super::{against_waypoints, facts, map, of_ideal_flight, schedule, series};
 use crate::record::{FlightRecord, Summary};
 use figures::{
     markup::{Element, element},
@@ -53,6 +53,7 @@ fn heading(record: &FlightRecord, summary: &Summary) -> Element {
                 .text(summary.policy.clone()),
         )
         .with_all(broken_off(record))
+        .with_all(policy_warning(summary))
         .with(element("p").class("lead").text(format!(
             "{}, {} allocation, {} vehicle, seed {}",
             count(summary.slots, "slot"),
@@ -71,6 +72,16 @@ fn broken_off(record: &FlightRecord) -> Option<Element> {
             record.slots.len()
         ))
     })
+}
+
+/// Returns the warning about a policy that was trained for another mission.
+fn policy_warning(summary: &Summary) -> Option<Element> {
+    let warning = summary.policy_warning.as_ref()?;
+    Some(
+        element("p")
+            .class("alarm")
+            .text(format!("Warning: the policy was {warning}.")),
+    )
 }
 
 /// A main result: a verdict or a number.
@@ -95,11 +106,15 @@ fn tiles(record: &FlightRecord, summary: &Summary) -> Element {
             name: "Total rate",
             value: significant(summary.sum_rate, 4),
             unit: "bit/s/Hz",
-            words: format!(
+            words: [format!(
                 "over {}, {} each",
                 count(summary.slots, "slot"),
                 significant(summary.sum_rate / summary.slots.max(1) as f64, 3)
-            ),
+            )]
+            .into_iter()
+            .chain(of_ideal_flight(summary).map(|(share, of)| format!("{share} {of}")))
+            .collect::<Vec<_>>()
+            .join("; "),
             share: None,
         },
         Tile {
@@ -229,9 +244,9 @@ fn figures(record: &FlightRecord, summary: &Summary) -> Element {
     let deviation = match decimal(summary.planned_vs_flown_m, 2).as_str() {
         "0.00" => "every waypoint was reached".to_owned(),
         most => format!(
-            "waypoints were missed by {most} m at most, {} m in the median, which cost {} bit/s/Hz",
+            "waypoints were missed by {most} m at most, {} m in the median: {}",
             decimal(summary.planned_vs_flown_median_m, 2),
-            decimal(summary.planned_vs_flown_rate, 3)
+            against_waypoints(summary, 3)
         ),
     };
     let figure = |title: &'static str, words: String, drawing: Element| {

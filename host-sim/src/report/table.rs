@@ -3,6 +3,7 @@
 
 use std::io::IsTerminal;
 
+use super::of_ideal_flight;
 use crate::record::{FlightRecord, Summary};
 use figures::quantity::{self, count, decimal, percent, plain, significant};
 
@@ -91,7 +92,7 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
     };
     let link = &summary.link;
     let dropped = link.vehicle.link.dropped() + link.ground.dropped();
-    vec![
+    let mut facts = vec![
         fact(
             None,
             "total rate",
@@ -148,9 +149,8 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
             "off the plan",
             format!("{} m", decimal(summary.planned_vs_flown_m, 2)),
             format!(
-                "at most, median {} m; cost {} bit/s/Hz",
-                decimal(summary.planned_vs_flown_median_m, 2),
-                decimal(summary.planned_vs_flown_rate, 3)
+                "at most, median {} m",
+                decimal(summary.planned_vs_flown_median_m, 2)
             ),
         ),
         fact(
@@ -170,7 +170,11 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
         ),
         timing("plan", &summary.plan_us),
         timing("allocate", &summary.allocate_us),
-    ]
+    ];
+    if let Some((share, of)) = of_ideal_flight(summary) {
+        facts.insert(1, fact(None, "ideal flight", share, of));
+    }
+    facts
 }
 
 fn timing(name: &'static str, timing: &crate::record::Timing) -> Fact {

@@ -8,6 +8,7 @@ use figures::document;
 use trainer::{
     card,
     compare::{Comparison, References},
+    curves::{self, Curve},
     metrics::EVALUATION,
     onnx,
     run::Run,
@@ -94,6 +95,9 @@ pub(crate) struct Curves {
     /// The CSV file to write
     #[arg(long)]
     out: PathBuf,
+    /// Also draw the curves of all runs into this SVG file
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
     /// Number of episodes that a row averages over
     #[arg(long, default_value_t = 40)]
     window: usize,
@@ -102,7 +106,22 @@ pub(crate) struct Curves {
 impl Curves {
     pub(crate) fn execute(self) -> Outcome {
         let text = self.text().map_err(Failure::BadInput)?;
-        write(&self.out, text.as_bytes())
+        write(&self.out, text.as_bytes())?;
+        if let Some(path) = &self.svg {
+            let drawing = self.drawing().map_err(Failure::BadInput)?;
+            write(path, drawing.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    fn drawing(&self) -> anyhow::Result<String> {
+        let mut drawn = Vec::new();
+        for directory in &self.runs {
+            let Run { progress, .. } = Run::open(directory)?;
+            let name = directory.file_name().unwrap_or_default().to_string_lossy();
+            drawn.push(Curve::of(name.into_owned(), &progress.rows, self.window));
+        }
+        Ok(curves::drawing(&drawn))
     }
 
     fn text(&self) -> anyhow::Result<String> {

@@ -5,7 +5,7 @@ use firmware_core::Position;
 use super::{DataRow, SlotRow, data_of, flight_of, flights};
 use crate::experiment::{
     Experiment,
-    cell::{Cell, MSE_THRESHOLDS, Topology},
+    cell::{Cell, MSE_THRESHOLDS, Preset, Topology},
     claims::{Claim, Tally, Verdict, range},
     statistics,
     totals::Approach,
@@ -79,8 +79,13 @@ pub(in crate::experiment) fn claims_of_thresholds(
     Ok(claims)
 }
 
-/// Returns the claims about fig:topo_ddpg.
+/// Returns the claims about fig:topo_ddpg, one for each preset.
 pub(in crate::experiment) fn claims_of_approaches(rows: &[SlotRow]) -> Vec<Claim> {
+    Preset::ALL.map(|preset| similar_paths(rows, preset)).into()
+}
+
+fn similar_paths(rows: &[SlotRow], preset: Preset) -> Claim {
+    let (sac_approach, ddpg_approach) = (Approach::sac(preset), Approach::ddpg(preset));
     let mut similar = Tally::default();
     let (mut to_ddpg, mut to_line) = (Vec::new(), Vec::new());
     for topology in Topology::ALL {
@@ -88,16 +93,20 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[SlotRow]) -> Vec<Claim
         let line = flight_of(rows, tight, Approach::StraightLine);
         for threshold in [MSE_THRESHOLDS[0], MSE_THRESHOLDS[3]] {
             let cell = tight.at_threshold(threshold);
-            let sac = flight_of(rows, cell, Approach::Sac);
-            let ddpg = flight_of(rows, cell, Approach::Ddpg);
+            let sac = flight_of(rows, cell, sac_approach);
+            let ddpg = flight_of(rows, cell, ddpg_approach);
             similar.add_above(apart_m(&sac, &line), apart_m(&sac, &ddpg));
             to_ddpg.push(apart_m(&sac, &ddpg));
             to_line.push(apart_m(&sac, &line));
         }
     }
     let (ddpg, line) = (range(to_ddpg), range(to_line));
-    vec![Claim::new(
-        "DDPG's paths are similar to SAC's, unlike the straight line.",
+    Claim::new(
+        format!(
+            "DDPG's paths are similar to SAC's, unlike the straight line: {} against {}, seed 1.",
+            ddpg_approach.title(),
+            sac_approach.title()
+        ),
         similar.verdict(),
         format!(
             "Mean distance from a place of SAC's path to the nearest of DDPG's: {:.0} to {:.0} m; \
@@ -105,7 +114,7 @@ pub(in crate::experiment) fn claims_of_approaches(rows: &[SlotRow]) -> Vec<Claim
             ddpg.0, ddpg.1, line.0, line.1
         ),
         "",
-    )]
+    )
 }
 
 /// Returns the mean over one path of the distance to the nearest point of the other path, metres.
