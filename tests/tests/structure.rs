@@ -316,7 +316,7 @@ fn a_circle_is_found() {
 fn the_trainer_builds_no_plots_no_links_and_no_clarabel() {
     let tree = |package| -> BTreeSet<String> {
         let lines = cargo_tree(package, "{lib}", "normal");
-        let names = lines.into_iter().map(|(package, _)| package);
+        let names = lines.into_keys();
         names.map(|package| name(&package).to_owned()).collect()
     };
     let (trainer, host_sim) = (tree("trainer"), tree("host-sim"));

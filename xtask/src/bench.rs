@@ -178,14 +178,14 @@ fn stack_bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Resu
         .output()?;
     let flight = Flight::of(&output, &out)?;
     let said = flight.note.split("board: ").nth(1);
-    let bytes = said.and_then(|said| said.split(' ').next());
+    let bytes = said.and_then(|said| said.split(' ').find_map(|word| word.parse().ok()));
     let bytes = bytes.with_context(|| format!("no stack in {:?}", flight.note))?;
     ensure!(
         flight.note.contains("0 bytes lost, 0 frames unsent"),
         "the board's queues were too short: {}",
         flight.note
     );
-    Ok(bytes.parse()?)
+    Ok(bytes)
 }
 
 /// Formats 12345678 as 12,345,678.

@@ -45,7 +45,7 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
 
     /// Returns the command of a slot with this channel state, which has one gain per user and
     /// sensor.
-    pub(super) fn from_state(
+    pub(super) fn measured(
         &mut self,
         mission: &Mission<T, M, J>,
         fairness: &Fairness<M>,

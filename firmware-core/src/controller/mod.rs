@@ -302,7 +302,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
         state: &ChannelState<T, M, J>,
     ) -> Result<SlotCommand<T, J>, ControllerError> {
         let plan = self.check_state(state)?;
-        let command = (self.allocator).from_state(&self.mission, &self.fairness, &plan, state);
+        let command = (self.allocator).measured(&self.mission, &self.fairness, &plan, state);
         self.finish(&command);
         Ok(command)
     }
