@@ -32,7 +32,7 @@ use crate::{
     },
     controller::Controller,
     link::{self, Decoder, FrameError, FrameTooLong},
-    mission::{MissionError, MissionParameters},
+    mission::{MissionChange, MissionError, MissionParameters},
     onboard::{self, Onboard, Stage},
     policy::{Action, Observation, Policy, PolicyMismatch, StraightLine, mlp::Mlp},
     scalar::{Position, Scalar},
@@ -249,6 +249,14 @@ impl<B: AsRef<[u8]>> Policy<f32, USERS_MAX> for BoardPolicy<B> {
         match self {
             Self::Trained(policy) => policy.decide(observation),
             Self::StraightLine(policy) => policy.decide(observation),
+        }
+    }
+
+    /// A trained policy cannot use a change.
+    fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
+        match self {
+            Self::Trained(policy) => Policy::<f32, USERS_MAX>::revise(policy, change, slots_begun),
+            Self::StraightLine(policy) => policy.revise(change, slots_begun),
         }
     }
 }

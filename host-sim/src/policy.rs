@@ -11,7 +11,10 @@ use std::{
 use firmware_core::policy::onnx::OnnxPolicy;
 use firmware_core::{
     USERS_MAX,
-    policy::{Action, FixedPosition, Observation, Policy, Provenance, StraightLine, mlp::Mlp},
+    mission::MissionChange,
+    policy::{
+        Action, FixedPosition, Observation, PlanQuality, Policy, Provenance, StraightLine, mlp::Mlp,
+    },
 };
 
 use files::input;
@@ -277,17 +280,47 @@ fn named(path: &Path, problem: impl fmt::Display) -> String {
     format!("{}: {problem}", path.display())
 }
 
+impl HostPolicy {
+    fn chosen(&self) -> &dyn Policy<f64, USERS_MAX> {
+        match self {
+            Self::StraightLine(policy) => policy,
+            Self::Fixed(policy) => policy,
+            Self::Search(policy) => policy,
+            Self::Plan(planner) => &**planner,
+            Self::Mlp(policy) => &**policy,
+            #[cfg(feature = "onnx")]
+            Self::Onnx(policy) => &**policy,
+        }
+    }
+
+    fn chosen_mut(&mut self) -> &mut dyn Policy<f64, USERS_MAX> {
+        match self {
+            Self::StraightLine(policy) => policy,
+            Self::Fixed(policy) => policy,
+            Self::Search(policy) => policy,
+            Self::Plan(planner) => &mut **planner,
+            Self::Mlp(policy) => &mut **policy,
+            #[cfg(feature = "onnx")]
+            Self::Onnx(policy) => &mut **policy,
+        }
+    }
+}
+
 impl Policy<f64, USERS_MAX> for HostPolicy {
     fn decide(&mut self, observation: &Observation<'_, f64>) -> Action<f64, USERS_MAX> {
-        match self {
-            Self::StraightLine(policy) => policy.decide(observation),
-            Self::Fixed(policy) => policy.decide(observation),
-            Self::Search(policy) => policy.decide(observation),
-            Self::Plan(planner) => planner.decide(observation),
-            Self::Mlp(policy) => policy.decide(observation),
-            #[cfg(feature = "onnx")]
-            Self::Onnx(policy) => policy.decide(observation),
-        }
+        self.chosen_mut().decide(observation)
+    }
+
+    fn revise(&mut self, change: &MissionChange<f64>, slots_begun: u32) {
+        self.chosen_mut().revise(change, slots_begun);
+    }
+
+    fn improve(&mut self, operations: u64) {
+        self.chosen_mut().improve(operations);
+    }
+
+    fn quality(&self) -> Option<PlanQuality> {
+        self.chosen().quality()
     }
 }
 

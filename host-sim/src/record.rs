@@ -172,6 +172,15 @@ pub struct UserSummary {
     pub slots: u32,
     /// The sum of its rates over its slots, bit/s/Hz.
     pub data: f64,
+    /// The number of slots that it had to be served in; `None` for a user that left.
+    pub quota: Option<u32>,
+}
+
+impl UserSummary {
+    /// Returns whether the user was served in fewer slots than its quota.
+    pub fn is_short(&self) -> bool {
+        self.quota.is_some_and(|quota| self.slots < quota)
+    }
 }
 
 /// The median and the maximum of a duration.
@@ -303,7 +312,7 @@ impl FlightRecord {
                 [] => f64::from(mission.slots()) * mission.slot_rate_limit(),
                 _ => limits.sum(),
             },
-            fair: self.fairness(&timeline).owed() == 0,
+            fair: !users.iter().any(UserSummary::is_short),
             users,
             mse_max: self.slots.iter().map(|slot| slot.mse).fold(0.0, f64::max),
             mse_threshold: p.mse_threshold,
@@ -393,11 +402,15 @@ impl FlightRecord {
 
     /// Returns the slots and the data of every user.
     pub fn users(&self) -> Vec<UserSummary> {
-        let none = UserSummary {
-            slots: 0,
-            data: 0.0,
-        };
-        let mut users = vec![none; self.timeline().at_end().user_count()];
+        let timeline = self.timeline();
+        let fairness = self.fairness(&timeline);
+        let mut users: Vec<_> = (0..timeline.at_end().user_count())
+            .map(|user| UserSummary {
+                slots: 0,
+                data: 0.0,
+                quota: fairness.quota(user),
+            })
+            .collect();
         for slot in &self.slots {
             if let Some(user) = slot.served_user.and_then(|user| users.get_mut(user)) {
                 user.slots += 1;
@@ -452,13 +465,7 @@ impl FlightRecord {
         let mission = timeline.at_end();
         violations += usize::from(!mission.has_arrived(&from));
         violations += usize::from(self.slots.len() != mission.slots() as usize);
-        let (fairness, users) = (self.fairness(timeline), self.users());
-        let short = |(user, served): &(usize, &UserSummary)| {
-            fairness
-                .quota(*user)
-                .is_some_and(|quota| served.slots < quota)
-        };
-        violations + users.iter().enumerate().filter(short).count()
+        violations + self.users().iter().filter(|user| user.is_short()).count()
     }
 }
 

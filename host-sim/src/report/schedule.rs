@@ -157,7 +157,7 @@ pub(super) fn totals(record: &FlightRecord) -> Element {
         }
         let base = y + row / 2.0 + 1.0;
         drawing.push(label("tick end", [LEFT - 7.0, base], format!("u{user}")));
-        let owed = if summary.slots < mission.quota() {
+        let owed = if summary.is_short() {
             "figure bad"
         } else {
             "figure"

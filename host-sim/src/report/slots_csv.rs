@@ -70,7 +70,11 @@ fn row(record: &FlightRecord, slot: &SlotRecord) -> Row {
         normalizing_factor: slot.normalizing_factor,
         rate_bit_s_hz: slot.rate,
         mse: slot.mse,
-        mse_threshold: record.scenario.mission.parameters().mse_threshold,
+        mse_threshold: record
+            .timeline()
+            .in_slot(slot.slot)
+            .parameters()
+            .mse_threshold,
         limited_by: slot.limited_by,
         feasible: slot.feasible,
         shield: shield(&slot.intervention),

@@ -73,7 +73,7 @@ pub fn table(record: &FlightRecord, summary: &Summary, look: Look) -> String {
         lines.push(line.trim_end().into());
     }
     lines.push(String::new());
-    lines.extend(users(record, summary, look));
+    lines.extend(users(summary, look));
     lines.push(String::new());
     lines.join("\n")
 }
@@ -187,9 +187,8 @@ fn timing(name: &'static str, timing: &crate::record::Timing) -> Fact {
 }
 
 /// Formats a column per user with its number, slots and data; red if its quota was not met.
-fn users(record: &FlightRecord, summary: &Summary, look: Look) -> Vec<String> {
+fn users(summary: &Summary, look: Look) -> Vec<String> {
     const COLUMN: usize = 6;
-    let quota = record.scenario.mission.quota();
     let heads = ["user", "slots", "bit/s/Hz"];
     let indent = 2 + NAME;
     let numbered: Vec<_> = summary.users.iter().enumerate().collect();
@@ -204,7 +203,7 @@ fn users(record: &FlightRecord, summary: &Summary, look: Look) -> Vec<String> {
                     _ => significant(summary.data, 3),
                 };
                 let cell = format!("{cell:>COLUMN$}");
-                line.push_str(&match (row, summary.slots < quota) {
+                line.push_str(&match (row, summary.is_short()) {
                     (0, _) => look.paint("2", &cell),
                     (1, true) => look.paint("1;31", &cell),
                     _ => cell,
