@@ -431,7 +431,7 @@ fn what_is_not_a_slot_problem_is_refused() {
     }
     assert!(error(&table_one(&[], 1e-11, 0.1)).starts_with("sensor_gain is empty"));
     let four = error(&table_one(&[1e-11; 4], 1e-11, 0.1));
-    assert_eq!(four, "4 sensors do not fit into room for 3");
+    assert_eq!(four, "there are 4 sensors, but the capacity is 3");
     assert!(matches!(
         Workspace::<f64, 2>::default().sensors(&good.limits, &good.sensor_gains),
         Err(SlotError::TooManySensors {

@@ -407,7 +407,10 @@ mod tests {
         const PX4: &[(&str, f32)] = &[("COM_OBL_RC_ACT", 4.0), ("NAV_DLL_ACT", 2.0)];
         let px4 = loss_of_client(Firmware::Px4, 1, with(PX4)).join("\n");
         assert!(px4.contains("COM_OBL_RC_ACT: 4, land"), "{px4}");
-        assert!(px4.contains("heartbeats do not count"), "{px4}");
+        assert!(
+            px4.contains("heartbeats of an onboard computer do not count"),
+            "{px4}"
+        );
     }
 
     /// The documentation must tell users to set the parameters that the client asks for.

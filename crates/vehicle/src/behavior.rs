@@ -6,8 +6,6 @@ use firmware_core::autopilot::profile::Firmware;
 /// every property of a new firmware.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Behavior {
-    /// Integer parameters are sent as the bytes of the integer instead of its value.
-    pub(super) sends_integers_as_bytes: bool,
     /// A setpoint that is not a number crashes the autopilot in its control mode.
     pub(super) crashes_on_nan: bool,
     /// Accepted global setpoints are echoed.
@@ -39,7 +37,6 @@ impl Behavior {
     pub(super) const fn of(firmware: Firmware) -> Self {
         match firmware {
             Firmware::Generic => Self {
-                sends_integers_as_bytes: false,
                 crashes_on_nan: false,
                 echoes_setpoints: true,
                 flies_to_last_setpoint: false,
@@ -53,7 +50,6 @@ impl Behavior {
                 reached_messages: 1,
             },
             Firmware::ArduCopter => Self {
-                sends_integers_as_bytes: false,
                 crashes_on_nan: true,
                 echoes_setpoints: true,
                 flies_to_last_setpoint: false,
@@ -67,7 +63,6 @@ impl Behavior {
                 reached_messages: 1,
             },
             Firmware::Px4 => Self {
-                sends_integers_as_bytes: true,
                 crashes_on_nan: false,
                 echoes_setpoints: false,
                 flies_to_last_setpoint: true,

@@ -68,7 +68,7 @@ impl Vehicle {
                 let name = set.param_id.to_str().unwrap_or_default().to_owned();
                 let value = match set.param_type {
                     MavParamType::MAV_PARAM_TYPE_INT32
-                        if self.behavior().sends_integers_as_bytes =>
+                        if self.firmware.sends_integers_as_bytes() =>
                     {
                         set.param_value.to_bits() as i32 as f32
                     }
@@ -100,7 +100,7 @@ impl Vehicle {
         let (param_value, param_type) = match value {
             Value::Real(value) => (value, MavParamType::MAV_PARAM_TYPE_REAL32),
             // PX4 sends the bytes of an integer, ArduPilot its value.
-            Value::Integer(value) if self.behavior().sends_integers_as_bytes => (
+            Value::Integer(value) if self.firmware.sends_integers_as_bytes() => (
                 f32::from_bits(value as u32),
                 MavParamType::MAV_PARAM_TYPE_INT32,
             ),

@@ -44,6 +44,14 @@ impl Firmware {
         }
     }
 
+    /// Returns whether integer parameters are sent as the bytes of the integer instead of its value.
+    pub const fn sends_integers_as_bytes(self) -> bool {
+        match self {
+            Self::Generic | Self::ArduCopter => false,
+            Self::Px4 => true,
+        }
+    }
+
     /// Returns the id of the message that reports the state of the position estimator.
     pub const fn estimator_message(self) -> u32 {
         match self {

@@ -346,7 +346,7 @@ fn set(to: Address, name: &'static str, raw: f32, kind: MavParamType) -> MavMess
 /// Encodes a number as a parameter's value on the wire: the inverse of [`number`].
 fn encode(firmware: Firmware, kind: MavParamType, value: f32) -> f32 {
     match kind {
-        MavParamType::MAV_PARAM_TYPE_INT32 if firmware == Firmware::Px4 => {
+        MavParamType::MAV_PARAM_TYPE_INT32 if firmware.sends_integers_as_bytes() => {
             f32::from_bits(libm::roundf(value) as i32 as u32)
         }
         _ => value,
@@ -356,7 +356,7 @@ fn encode(firmware: Firmware, kind: MavParamType, value: f32) -> f32 {
 /// Decodes a parameter's value: ArduPilot sends numbers, PX4 the bytes of its integers.
 fn number(firmware: Firmware, kind: MavParamType, raw: f32) -> f32 {
     match kind {
-        MavParamType::MAV_PARAM_TYPE_INT32 if firmware == Firmware::Px4 => {
+        MavParamType::MAV_PARAM_TYPE_INT32 if firmware.sends_integers_as_bytes() => {
             raw.to_bits() as i32 as f32
         }
         _ => raw,
