@@ -17,7 +17,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    flight::{self, FlightSettings, Pace, Peer},
+    flight::{self, ClientSettings, FlightSettings, Pace, Peer, computer::InProcess},
     policy::{HostPolicy, PolicyChoice},
 };
 use environment::Allocation;
@@ -123,13 +123,16 @@ fn fly_through(
         events: events.clone(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, profile));
-    let record = flight::fly(
-        scenario,
-        policy,
-        &settings,
-        Peer::built_in(vehicle),
-        &mut (),
-    );
+    // The profiles' default parameters would clip the speed of most missions.
+    let client = match profile {
+        Profile::Ideal => ClientSettings::default(),
+        _ => ClientSettings::default().with_parameters_set(),
+    };
+    let peer = Peer::built_in(vehicle);
+    let record = match InProcess::new(scenario, policy, &settings, client, &peer) {
+        Ok(mut computer) => flight::fly_with(scenario, &mut computer, &settings, peer, &mut ()),
+        Err(error) => Err(error.into()),
+    };
     let record = match record {
         Ok(record) => Some(Box::new(record)),
         Err(failed) => {
