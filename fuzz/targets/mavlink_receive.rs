@@ -13,11 +13,11 @@ use firmware_core::{
     policy::StraightLine,
     time::{Duration, Instant},
 };
-use scenario::Scenario;
-use vehicle::Profile;
 use host_sim::flight::autopilot_settings;
 use libfuzzer_sys::fuzz_target;
 use mavlink::{Message, dialects::common::MavMessage};
+use scenario::Scenario;
+use vehicle::Profile;
 
 static START: LazyLock<(Scenario, AutopilotSettings<f64>)> = LazyLock::new(|| {
     let scenario = Scenario::shipped("separated").expect("shipped");

@@ -1,8 +1,8 @@
 //! The text of a scenario. What is accepted survives being written and read again.
 #![no_main]
 
-use scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
+use scenario::Scenario;
 
 fuzz_target!(|data: &[u8]| {
     let Ok(text) = std::str::from_utf8(data) else {

@@ -24,7 +24,15 @@ pub fn program(name: &'static str) -> Command {
         // Cargo gives a test only the binaries of its own package, and these belong to others.
         let cargo = option_env!("CARGO").unwrap_or("cargo");
         let status = Command::new(cargo)
-            .args(["build", "--quiet", "--locked", "--package", name, "--bin", name])
+            .args([
+                "build",
+                "--quiet",
+                "--locked",
+                "--package",
+                name,
+                "--bin",
+                name,
+            ])
             .current_dir(repository())
             .status();
         assert!(

@@ -371,7 +371,10 @@ impl<'b> Bench<'b> {
         let mut frame = [0; MAX_FRAME];
         let begun = self.board.cycles();
         // As `Onboard` does it: what flies knows the client's messages alone.
-        let sent = self.encoder.encode_of_client(&message, &mut frame).is_some();
+        let sent = self
+            .encoder
+            .encode_of_client(&message, &mut frame)
+            .is_some();
         let cycles = self.board.cycles().wrapping_sub(begun);
         assert!(sent);
         self.setpoint.note(cycles);
