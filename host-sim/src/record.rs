@@ -224,7 +224,7 @@ pub struct Summary {
     pub users: Vec<UserSummary>,
     /// The largest `MSE_n`.
     pub mse_max: f64,
-    /// `Gamma`.
+    /// `Gamma`, in the slot with the largest MSE.
     pub mse_threshold: f64,
     /// The number of slots with `MSE_n > Gamma` (by more than 1e-9 relative).
     pub mse_violations: usize,
@@ -279,6 +279,23 @@ pub struct Summary {
     pub version: &'static str,
 }
 
+impl Summary {
+    /// Returns the fewest slots of a user that is there at the end.
+    pub fn fewest_slots(&self) -> u32 {
+        let present = self.users.iter().filter(|user| user.quota.is_some());
+        present.map(|user| user.slots).min().unwrap_or(0)
+    }
+
+    /// Returns the quotas of the users in words: one number, or from the smallest to the largest.
+    pub fn quotas_in_words(&self) -> String {
+        let quotas = self.users.iter().filter_map(|user| user.quota);
+        match (quotas.clone().min(), quotas.max()) {
+            (Some(least), Some(most)) if least < most => format!("{least} to {most}"),
+            (least, _) => least.unwrap_or(0).to_string(),
+        }
+    }
+}
+
 impl FlightRecord {
     /// Returns the summary of this flight.
     pub fn summary(&self) -> Summary {
@@ -315,7 +332,11 @@ impl FlightRecord {
             fair: !users.iter().any(UserSummary::is_short),
             users,
             mse_max: self.slots.iter().map(|slot| slot.mse).fold(0.0, f64::max),
-            mse_threshold: p.mse_threshold,
+            mse_threshold: (self.slots.iter())
+                .max_by(|a, b| a.mse.total_cmp(&b.mse))
+                .map_or(mission, |slot| timeline.in_slot(slot.slot))
+                .parameters()
+                .mse_threshold,
             mse_violations: self
                 .slots
                 .iter()

@@ -44,7 +44,7 @@ struct Event {
     slot: u32,
     user: Option<u16>,
     sensor: Option<u16>,
-    position_m: Option<[f64; 2]>,
+    position_m: Option<Vec<f64>>,
     leaves: Option<bool>,
     mse_threshold: Option<f64>,
     noise_dbm: Option<f64>,
@@ -54,23 +54,26 @@ struct Event {
 
 impl Event {
     fn change(&self) -> Result<MissionChange<f64>, String> {
-        let place = |position: Option<[f64; 2]>| {
-            let position = position.map(|[east_m, north_m]| Position::new(east_m, north_m));
-            match (position, self.leaves) {
-                (Some(position), None | Some(false)) => Ok(Some(position)),
-                (None, Some(true)) => Ok(None),
-                _ => Err("must have either position_m or leaves = true".to_owned()),
+        let place = || match (self.position_m.as_deref(), self.leaves) {
+            (Some(&[east_m, north_m]), None | Some(false)) => {
+                Ok(Some(Position::new(east_m, north_m)))
             }
+            (Some(numbers), None | Some(false)) => Err(format!(
+                "position_m has {} numbers, but must have two: east and north in metres",
+                numbers.len()
+            )),
+            (None, Some(true)) => Ok(None),
+            _ => Err("must have either position_m or leaves = true".to_owned()),
         };
         let mut changes = Vec::new();
         if let Some(user) = self.user {
-            changes.push(match place(self.position_m)? {
+            changes.push(match place()? {
                 Some(position_m) => MissionChange::User { user, position_m },
                 None => MissionChange::UserLeft { user },
             });
         }
         if let Some(sensor) = self.sensor {
-            changes.push(match place(self.position_m)? {
+            changes.push(match place()? {
                 Some(position_m) => MissionChange::Sensor { sensor, position_m },
                 None => MissionChange::SensorLeft { sensor },
             });
@@ -261,6 +264,10 @@ mod tests {
             (
                 "[[event]]\nslot = 9\nuser = 3\n",
                 "event 1 (slot 9): must have either position_m or leaves = true",
+            ),
+            (
+                "[[event]]\nslot = 9\nuser = 3\nposition_m = [1, 2, 3]\n",
+                "position_m has 3 numbers, but must have two",
             ),
             (
                 "[[event]]\nslot = 9\nslots = 50\nnoise_dbm = -90\n",

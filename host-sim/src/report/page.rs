@@ -99,7 +99,6 @@ fn tiles(record: &FlightRecord, summary: &Summary) -> Element {
     let mission = &record.scenario.mission;
     let share = summary.sum_rate / summary.sum_rate_physical_limit;
     let verdict = |holds: bool| if holds { "yes" } else { "no" }.to_owned();
-    let fewest = summary.users.iter().map(|user| user.slots).min();
     let tiles = [
         Tile {
             holds: None,
@@ -147,8 +146,8 @@ fn tiles(record: &FlightRecord, summary: &Summary) -> Element {
             unit: "",
             words: format!(
                 "every user has at least {}, {} owed",
-                count(fewest.unwrap_or(0) as usize, "slot"),
-                mission.quota()
+                count(summary.fewest_slots() as usize, "slot"),
+                summary.quotas_in_words()
             ),
             share: None,
         },

@@ -81,7 +81,6 @@ pub fn table(record: &FlightRecord, summary: &Summary, look: Look) -> String {
 fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
     let mission = &record.scenario.mission;
     let unit = quantity::unit(&record.scenario.sensing.unit);
-    let fewest = summary.users.iter().map(|user| user.slots).min();
     let ratio = summary.empirical_mse_ratio;
     let deviation = summary.empirical_mse_ratio_standard_error;
     let fact = |holds, name, value, words| Fact {
@@ -112,8 +111,8 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
         fact(
             Some(summary.fair),
             "fair",
-            count(fewest.unwrap_or(0) as usize, "slot"),
-            format!("at least per user, {} owed", mission.quota()),
+            count(summary.fewest_slots() as usize, "slot"),
+            format!("at least per user, {} owed", summary.quotas_in_words()),
         ),
         fact(
             Some(summary.mse_violations == 0),
