@@ -87,23 +87,35 @@ fn check_command<T: Scalar>(
     for (sensor, &coefficient) in coefficients.iter().enumerate() {
         assert!(mission.has_sensor(sensor) || coefficient == T::zero());
     }
-    let present = mission.sensors().map(|(sensor, _)| sensor);
-    let gains: Vec<PowerGain<T>> = present.clone().map(|j| state.sensor_gains[j]).collect();
-    let coefficients: Vec<T> = present.map(|j| coefficients[j]).collect();
-    let slot = aircomp::Slot {
-        sensor_gains: &gains,
-        sensor_coefficients: &coefficients,
-        user_gain: state.user_gains[user],
-        user_power: command.user_power,
-        noise_power: mission.parameters().noise_power,
-    };
-    let mse = slot.mse(command.normalizing_factor);
+    let mse = true_mse(mission, state, command);
     let difference = (mse - command.mse).abs();
     assert!(
         difference <= command.mse * T::of(1e-4),
         "{mse} {}",
         command.mse
     );
+}
+
+/// Returns the MSE over the sensors that are there, at the gains of a state.
+fn true_mse<T: Scalar>(
+    mission: &Mission<T, M, J>,
+    state: &ChannelState<T, M, J>,
+    command: &SlotCommand<T, J>,
+) -> T {
+    let coefficients = &command.sensor_coefficients;
+    let present = mission.sensors().map(|(sensor, _)| sensor);
+    let gains: Vec<PowerGain<T>> = present.clone().map(|j| state.sensor_gains[j]).collect();
+    let coefficients: Vec<T> = present.map(|j| coefficients[j]).collect();
+    let slot = aircomp::Slot {
+        sensor_gains: &gains,
+        sensor_coefficients: &coefficients,
+        user_gain: command
+            .served_user
+            .map_or(PowerGain(T::zero()), |m| state.user_gains[m]),
+        user_power: command.user_power,
+        noise_power: mission.parameters().noise_power,
+    };
+    slot.mse(command.normalizing_factor)
 }
 
 /// What a flight has shown.
@@ -149,6 +161,16 @@ fn fly<T: Scalar>(
         assert!(quality.is_none_or(|quality| quality.value.is_finite()));
         let state = ChannelState::predicted(controller.mission(), plan.slot, &here);
         let before = controller.mission().clone();
+        if random.random_range(0..4) == 0 {
+            // The state is lost. What is promised without it holds at the true gains, wherever users
+            // and sensors have moved to.
+            let command = controller.allocate_predicted(&here).expect("finite");
+            command.check(&before).expect("keeps the rules");
+            let promised = command.mse;
+            let mse = true_mse(&before, &state, &command);
+            assert!(mse <= promised * T::of(1.0 + 1e-4), "{mse} {promised}");
+            continue;
+        }
         let command = controller.allocate(&state).expect("under way");
         check_command(&before, &state, &command);
     }

@@ -16,7 +16,7 @@ use heapless::Vec;
 
 use crate::{
     inner::bounded::GainBounds,
-    mission::Mission,
+    mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
     units::PowerGain,
 };
@@ -63,6 +63,19 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
         self.sensors.clone_from(sensors);
     }
 
+    /// Forgets the gain of a user or sensor that is at another place now: NaN stands for a gain that
+    /// is not known, and the channel model is used.
+    pub(super) fn forget(&mut self, change: &MissionChange<T>) {
+        let gain = match *change {
+            MissionChange::User { user, .. } => self.users.get_mut(usize::from(user)),
+            MissionChange::Sensor { sensor, .. } => self.sensors.get_mut(usize::from(sensor)),
+            _ => None,
+        };
+        if let Some(gain) = gain {
+            *gain = PowerGain(T::of(f64::NAN));
+        }
+    }
+
     /// Records the position that was measured after the last slot's end.
     pub(super) fn locate(&mut self, place: Position<T>) {
         self.place.get_or_insert(place);
@@ -87,7 +100,9 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
             );
             let farthest_m = far.coords.norm().max(away_m);
             let factor = match (last, &self.place) {
-                (Some(gain), Some(place)) => gain.0 / channel.power_gain(place, ground).0,
+                (Some(gain), Some(place)) if gain.0.finite() => {
+                    gain.0 / channel.power_gain(place, ground).0
+                }
                 _ => T::one(),
             };
             let gain = |horizontal_m: T| factor * channel.power_gain_across(horizontal_m).0;

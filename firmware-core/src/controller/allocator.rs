@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     inner::{Method, SlotAllocation, SlotLimits, Workspace},
-    mission::Mission,
+    mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
     shield::Fairness,
     units::PowerGain,
@@ -33,8 +33,9 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
         }
     }
 
-    /// Takes over the limits of a changed mission.
-    pub(super) fn revise(&mut self, mission: &Mission<T, M, J>) {
+    /// Takes over a change of the mission, which is `mission` now.
+    pub(super) fn revise(&mut self, mission: &Mission<T, M, J>, change: &MissionChange<T>) {
+        self.last_state.forget(change);
         self.limits = SlotLimits::of_mission(mission);
     }
 

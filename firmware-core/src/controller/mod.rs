@@ -219,7 +219,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             count(&mut self.changes_refused);
             return;
         }
-        self.allocator.revise(&self.mission);
+        self.allocator.revise(&self.mission, change);
         self.fairness.revise(&self.mission, under_way);
         self.speed_estimator.revise(&self.mission);
         self.policy.revise(change, begun);
