@@ -5,7 +5,7 @@ use std::{io::Write, path::PathBuf, str::FromStr};
 use clap::Args;
 use environment::Allocation;
 use host_sim::{
-    experiment::context,
+    experiment::ideal_flight,
     flight::{
         self, ClientSettings, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
         computer::{InProcess, OnboardComputer},
@@ -166,7 +166,7 @@ fn ideal_sum_rate(record: &FlightRecord, arguments: &RunArguments) -> Option<f64
         return None;
     }
     let (policy, inner) = (&arguments.policy, arguments.inner);
-    let ideal = context::fly(&record.scenario, &record.changes, policy, inner).ok()?;
+    let ideal = ideal_flight::fly(&record.scenario, &record.changes, policy, inner).ok()?;
     Some(ideal.summary().sum_rate)
 }
 

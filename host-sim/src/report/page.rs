@@ -8,39 +8,23 @@ use super::{against_waypoints, facts, map, of_ideal_flight, schedule, series};
 use crate::record::{FlightRecord, Summary};
 use figures::{
     markup::{Element, element},
+    page,
     quantity::{self, count, decimal, plain, significant},
-    theme,
 };
 
 /// Returns the whole page.
 pub(super) fn html(record: &FlightRecord, summary: &Summary) -> String {
     let title = format!("{} · {}", summary.scenario, summary.policy);
-    let head = element("head")
-        .with(element("meta").set("charset", "utf-8"))
-        .with(
-            element("meta")
-                .set("name", "viewport")
-                .set("content", "width=device-width, initial-scale=1"),
-        )
-        .with(
-            element("meta")
-                .set("name", "generator")
-                .set("content", format!("host-sim {}", summary.version)),
-        )
-        .with(element("title").text(title))
-        .with(theme::page_style());
-    let body = element("body").with(
-        element("main")
-            .with(heading(record, summary))
-            .with(tiles(record, summary))
-            .with(figures(record, summary))
-            .with(facts::tables(record, summary))
-            .with(facts::slots(record))
-            .with_all(facts::events(record))
-            .with(element("script").verbatim(include_str!("page.js"))),
-    );
-    let page = element("html").set("lang", "en").with(head).with(body);
-    format!("<!DOCTYPE html>\n{page}")
+    let generator = format!("host-sim {}", summary.version);
+    let main = element("main")
+        .with(heading(record, summary))
+        .with(tiles(record, summary))
+        .with(figures(record, summary))
+        .with(facts::tables(record, summary))
+        .with(facts::slots(record))
+        .with_all(facts::events(record))
+        .with(element("script").verbatim(include_str!("page.js")));
+    page::page(title, generator, main)
 }
 
 fn heading(record: &FlightRecord, summary: &Summary) -> Element {

@@ -130,16 +130,8 @@ pub(super) fn totals(record: &FlightRecord) -> Element {
         "Total per user",
         "Sum of the rates of each user over the slots in which it was served",
     );
-    for tick in scale.ticks(5) {
-        let x = scale.at(tick.value);
-        drawing.push(line("grid", [x, top], [x, bottom]));
-        drawing.push(label("tick middle", [x, bottom + 16.0], tick.label));
-    }
-    drawing.push(label(
-        "axis middle",
-        [f64::midpoint(LEFT, end), bottom + 33.0],
-        "bit/s/Hz, summed over slots",
-    ));
+    let title = "bit/s/Hz, summed over slots";
+    drawing.push(axis::horizontal(&scale, [top, bottom], 5, title));
     for (user, summary) in summaries.iter().enumerate() {
         let y = top + row * user as f64 + 3.0;
         // Slots are separated by a gap if there is enough space.
