@@ -12,7 +12,8 @@ use crate::{
     replay::{Replay, Transition, scatter},
 };
 
-/// A loss that is NaN or exceeds [`TrainingSettings::loss_limit`](crate::settings::TrainingSettings::loss_limit).
+/// A loss that is NaN or exceeds
+/// [`TrainingSettings::loss_limit`](crate::settings::TrainingSettings::loss_limit).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Divergence {
     /// The name of the loss.

@@ -41,9 +41,9 @@ pub enum Preset {
     Paper,
     /// The same state, action, networks and episodes with another discount and other learning
     /// rates, and with additions to the paper: how a mission's return is distributed over its slots
-    /// ([`TrainingSettings::fairness_prices`], [`TrainingSettings::value_shaping`]), and for SAC which transitions
-    /// are stored and where entropy counts ([`TrainingSettings::alternative_users`],
-    /// [`TrainingSettings::entropy_when_forced`]).
+    /// ([`TrainingSettings::fairness_prices`], [`TrainingSettings::value_shaping`]), and for SAC
+    /// which transitions are stored and where entropy counts
+    /// ([`TrainingSettings::alternative_users`], [`TrainingSettings::entropy_when_forced`]).
     #[value(help = "The settings with the best results so far (docs/training.md)")]
     Tuned,
 }

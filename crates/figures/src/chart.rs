@@ -89,8 +89,10 @@ pub const SIZE: [f64; 2] = [RIGHT - LEFT, 300.0];
 
 /// The vertical coordinate of the legend's first row.
 const LEGEND_Y: f64 = 16.0;
-/// The space above a panel for its title.
+/// The space above panels with titles.
 const ABOVE: f64 = 34.0;
+/// The space above panels without titles.
+const ABOVE_UNTITLED: f64 = 14.0;
 /// The space below a panel for ticks and the axis's title.
 const BELOW: f64 = 42.0;
 
@@ -108,9 +110,13 @@ impl Chart {
     fn draw(&self, is_file: bool) -> Element {
         let columns = self.columns.max(1);
         let rows = self.panels.len().div_ceil(columns);
+        let above = match self.panels.iter().all(|panel| panel.title.is_empty()) {
+            true => ABOVE_UNTITLED,
+            false => ABOVE,
+        };
         let cell = [
             self.size[0] + WIDTH - (RIGHT - LEFT),
-            self.size[1] + ABOVE + BELOW,
+            self.size[1] + above + BELOW,
         ];
         let width = cell[0] * columns as f64;
         let (legend, foot) = self.legend(width);
@@ -120,13 +126,13 @@ impl Chart {
             .at("width", size[0])
             .at("height", size[1]);
         if is_file {
-            figure.push(theme::drawing_style());
+            figure.push(theme::chart_style());
             figure.push(rectangle("paper", [0.0, 0.0], size));
         }
         figure.push(legend);
         for (index, panel) in self.panels.iter().enumerate() {
             let left = LEFT + cell[0] * (index % columns) as f64;
-            let top = foot + 8.0 + ABOVE + cell[1] * (index / columns) as f64;
+            let top = foot + 8.0 + above + cell[1] * (index / columns) as f64;
             figure.push(panel.draw([left, top], self.size));
         }
         figure
@@ -258,7 +264,7 @@ mod tests {
             labels: vec!["first".into(), "last".into()],
             ..Series::new("s", Look::nth(1), vec![(0.0, 0.0), (10.0, 100.0)])
         };
-        let drawn = chart(vec![panel("", vec![series])])
+        let drawn = chart(vec![panel("p", vec![series])])
             .to_element()
             .to_string();
         let [left, right, bottom] = [LEFT, RIGHT, LEGEND_Y + 16.0 + ABOVE + SIZE[1]];

@@ -36,6 +36,8 @@ pub(crate) const SERIES: usize = 7;
 
 /// The style sheet of the figures' classes, in named colours.
 const FIGURE_STYLE: &str = include_str!("figure.css");
+/// The style sheet of the classes that only charts use.
+const CHART_STYLE: &str = include_str!("chart.css");
 
 /// Returns the style sheet of a page: both colour schemes, and always the light one on paper.
 pub fn page_style() -> Element {
@@ -45,7 +47,7 @@ pub fn page_style() -> Element {
     let dark = scheme(|(name, _, dark)| format!("--{name}:{dark};"));
     element("style").verbatim(format!(
         ":root{{color-scheme:light dark;{light}}}\n\
-         @media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n{FIGURE_STYLE}\n{}",
+         @media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n{FIGURE_STYLE}{CHART_STYLE}\n{}",
         include_str!("page.css")
     ))
 }
@@ -53,11 +55,20 @@ pub fn page_style() -> Element {
 /// Returns the style sheet of a drawing that is used outside a page. It is light and contains its
 /// colours as values, because not every SVG viewer supports custom properties.
 pub fn drawing_style() -> Element {
-    let mut style = FIGURE_STYLE.to_owned();
+    element("style").verbatim(with_values(FIGURE_STYLE.to_owned()))
+}
+
+/// Returns the style sheet of a chart that is used outside a page.
+pub(crate) fn chart_style() -> Element {
+    element("style").verbatim(with_values(format!("{FIGURE_STYLE}{CHART_STYLE}")))
+}
+
+/// Replaces the names of colours by the values of the light scheme.
+fn with_values(mut style: String) -> String {
     for (name, light, _) in COLORS {
         style = style.replace(&format!("var(--{name})"), light);
     }
-    element("style").verbatim(style)
+    style
 }
 
 /// Eleven support points of matplotlib's viridis (public domain). The map is perceptually uniform,
@@ -209,13 +220,15 @@ mod tests {
 
     #[test]
     fn every_color_that_a_style_names_is_in_the_table() {
-        for style in [FIGURE_STYLE, include_str!("page.css")] {
+        for style in [FIGURE_STYLE, CHART_STYLE, include_str!("page.css")] {
             assert!(style.contains("var(--"), "names no color");
             for use_of in style.split("var(--").skip(1) {
                 let name = use_of.split(')').next().unwrap_or_default();
                 assert!(COLORS.iter().any(|color| color.0 == name), "{name}");
             }
         }
-        assert!(!drawing_style().to_string().contains("var("));
+        for style in [drawing_style(), chart_style()] {
+            assert!(!style.to_string().contains("var("));
+        }
     }
 }

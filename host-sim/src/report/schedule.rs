@@ -5,7 +5,7 @@ use super::{map::cross, series::bar_width, slot_words};
 use crate::record::FlightRecord;
 use figures::{
     axis::{self, Key, LEFT, RIGHT, Scale, WIDTH},
-    markup::{Element, element, label, line, rectangle},
+    markup::{Element, PathData, element, label, line, rectangle},
     quantity::{self, significant},
     theme,
 };
@@ -99,17 +99,11 @@ pub(super) fn strip(record: &FlightRecord) -> Element {
 }
 
 fn shield_mark([x, y]: [f64; 2], size: f64) -> Element {
-    element("path").class("shield").set(
-        "d",
-        format!(
-            "M{:.2} {:.2}h{:.2}l{:.2} {:.2}z",
-            x - size,
-            y - 0.8 * size,
-            2.0 * size,
-            -size,
-            1.7 * size
-        ),
-    )
+    let top = y - 0.8 * size;
+    let corners = [[x - size, top], [x + size, top], [x, y + 0.9 * size]];
+    let mut path = PathData::through(corners);
+    path.close();
+    path.path("shield")
 }
 
 /// Draws a bar per user that consists of its slots in the colours of their rates.

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::super::{
+use crate::experiment::{
     ExperimentContext,
     cell::{Cell, Learner, Training},
     table,

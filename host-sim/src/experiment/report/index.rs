@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::super::{Experiment, claims::Claim, table};
+use crate::experiment::{Experiment, claims::Claim, table};
 use figures::{
     markup::{Element, element},
     page,

@@ -5,7 +5,7 @@ use std::{
     path::{Component, Path},
 };
 
-use super::super::{Experiment, approach::Approach, claims::Verdict, table, totals::TotalRow};
+use crate::experiment::{Experiment, approach::Approach, claims::Verdict, table, totals::TotalRow};
 
 /// Writes `docs/results.md` from the CSV files in `directory`.
 ///

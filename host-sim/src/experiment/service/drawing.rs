@@ -152,7 +152,7 @@ pub(in crate::experiment) fn timeline(rows: &[SlotRow]) -> Chart {
                 ticks: 12,
                 ..Axis::new("slot", [0.0, f64::from(slots) + 1.0])
             },
-            y: Axis::new("served user", [0.0, users + 1.0]),
+            y: Axis::new("served user", [0.2, users + 0.8]),
             series: series.collect(),
         }
     };
@@ -183,7 +183,7 @@ pub(in crate::experiment) fn data_chart(rows: &[DataRow]) -> Chart {
             title: format!("SAC (tuned), {}", topology.title()),
             x: Axis {
                 ticks: 16,
-                ..Axis::new("user", [0.0, users + 1.0])
+                ..Axis::new("user", [0.4, users + 0.6])
             },
             y: y.clone(),
             series: series.collect(),
