@@ -97,10 +97,10 @@ pub struct MissionUpload<'a, T: Scalar> {
     stage: Stage,
     due: Instant,
     attempts: u8,
-    /// The offer was sent: the autopilot may have dropped the old mission for it.
+    /// The offer was sent, after which the autopilot may have dropped the old mission.
     touched: bool,
     /// The final acknowledgement of a read-back is still to be sent.
-    farewell: bool,
+    final_ack_is_due: bool,
     pending: Option<Pending>,
     patience: Patience,
     /// The time at which the autopilot first answered that it has no space for a mission.
@@ -126,7 +126,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
             due: Instant::ZERO,
             attempts: 0,
             touched: false,
-            farewell: false,
+            final_ack_is_due: false,
             pending: None,
             patience: Patience::default(),
             no_space_since: None,
@@ -184,7 +184,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
     /// Returns the next message to send. Call until `None`, and again within 50 ms or when
     /// something was received.
     pub fn poll(&mut self, now: Instant) -> Option<MavMessage> {
-        if core::mem::take(&mut self.farewell) {
+        if core::mem::take(&mut self.final_ack_is_due) {
             return Some(self.ack(MavMissionResult::MAV_MISSION_ACCEPTED));
         }
         if let Stage::Start(step) = self.stage {
@@ -293,7 +293,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
                 } else {
                     Left::Unknown
                 };
-                self.farewell = true;
+                self.final_ack_is_due = true;
                 self.stage = Stage::Over(Err((error, left)));
             }
             (M::MISSION_ITEM_INT(item), Stage::ReadItem(sequence))
@@ -304,7 +304,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
                 } else if sequence + 1 < self.plan.count() {
                     self.enter(now, Stage::ReadItem(sequence + 1));
                 } else {
-                    self.farewell = true;
+                    self.final_ack_is_due = true;
                     if self.start {
                         self.enter(now, Stage::Start(0));
                     } else {
