@@ -164,7 +164,7 @@ fn a_key_must_be_private_and_the_right_one() {
         assert!(!complaint.contains("cccc") && !complaint.contains("aaaa"));
         complaint
     };
-    assert!(run(&["--signing-key", &open], 2).contains("mode 644 lets others in"));
+    assert!(run(&["--signing-key", &open], 2).contains("mode 644 gives others access"));
     // Both ends with the same key: signed there and back, in simulated time.
     run(&["--signing-key", &ours], 0);
     let (_vehicle, link) = vehicle("ideal", "20", &["--signing-key", &theirs]);

@@ -1,5 +1,5 @@
 use firmware_core::{
-    Position,
+    Position, PowerGain, Watt,
     autopilot::Tick,
     controller::Controller,
     link::{FRAME_MAX, encode},
