@@ -3,15 +3,15 @@
 use firmware_core::autopilot::frames::{Geodetic, vector_from_ned};
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::time::{Duration, Instant};
+use mavlink::MessageData;
 use mavlink::dialects::common::{
-    MavMessage, POSITION_TARGET_GLOBAL_INT_DATA, POSITION_TARGET_LOCAL_NED_DATA,
-    PositionTargetTypemask as Mask, SET_POSITION_TARGET_GLOBAL_INT_DATA,
-    SET_POSITION_TARGET_LOCAL_NED_DATA,
+    LOCAL_POSITION_NED_DATA, MavMessage, POSITION_TARGET_GLOBAL_INT_DATA,
+    POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask as Mask,
+    SET_POSITION_TARGET_GLOBAL_INT_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 use super::body::Target;
 use super::simulated::{FlightMode, Setpoint, Vehicle};
-use super::streams::LOCAL_POSITION_NED;
 
 /// Setpoints further apart than this are not a stream (PX4 requires 2 Hz).
 const STREAM_GAP: Duration = Duration::from_millis(500);
@@ -63,7 +63,7 @@ impl Vehicle {
                     coordinate_frame: s.coordinate_frame,
                 };
                 self.send(&MavMessage::POSITION_TARGET_LOCAL_NED(echo));
-                self.send_message(now, LOCAL_POSITION_NED);
+                self.send_message(now, LOCAL_POSITION_NED_DATA::ID);
             }
             // ArduCopter echoes every target in global coordinates.
             Firmware::ArduCopter => {
@@ -120,7 +120,7 @@ impl Vehicle {
             };
             self.send(&MavMessage::POSITION_TARGET_GLOBAL_INT(echo));
             if self.firmware.confirms_setpoints() {
-                self.send_message(now, LOCAL_POSITION_NED);
+                self.send_message(now, LOCAL_POSITION_NED_DATA::ID);
             }
         }
     }

@@ -7,8 +7,8 @@ use mavlink::dialects::common::{
     MISSION_ACK_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA, MISSION_REQUEST_INT_DATA,
     MISSION_REQUEST_LIST_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
-use thiserror::Error;
 
+use super::outcome::{Left, UploadError, UploadOutcome};
 use super::plan::{MissionPlan, PlanError};
 use crate::autopilot::command::{CommandOutcome, Patience, Pending, Request, Turn};
 use crate::autopilot::profile::Firmware;
@@ -16,65 +16,32 @@ use crate::autopilot::wire::Address;
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
-/// Error returned when an upload has failed.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum UploadError {
-    /// The autopilot stopped answering.
-    #[error("no answer from the autopilot")]
-    Unanswered,
-    /// The autopilot refused the mission.
-    #[error("the autopilot refused the mission ({0:?})")]
-    Refused(MavMissionResult),
-    /// An item that was read back differs from the one sent.
-    #[error("item {0} read back differs from what was sent")]
-    Different(u16),
-    /// The autopilot has another number of items.
-    #[error("{got} items read back, {sent} were sent")]
-    Count {
-        /// The number of items read back.
-        got: u16,
-        /// The number of items sent.
-        sent: u16,
-    },
-    /// The caller cancelled the upload.
-    #[error("cancelled")]
-    Cancelled,
-    /// The mission was uploaded, but not started.
-    #[error("the mission was uploaded, but {0} failed")]
-    NotStarted(&'static str),
-}
-
-/// The mission that is on the autopilot after a failure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Left {
-    /// The old mission.
-    Old,
-    /// None: it was cleared, and the autopilot confirmed that.
-    Nothing,
-    /// The complete new mission.
-    Whole,
-    /// Unknown: the autopilot did not answer.
-    Unknown,
-}
-
-/// The outcome of an upload.
-pub type UploadOutcome = Result<(), (UploadError, Left)>;
-
+/// The stage of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
+    /// The number of items is sent.
     Offer,
+    /// This item, which the autopilot has requested last, is sent.
     Serve(u16),
+    /// The number of items is read back.
     ReadCount,
+    /// This item is read back.
     ReadItem(u16),
+    /// The mission is started: this command is sent, in the order of
+    /// [`start_step`](MissionUpload::start_step).
     Start(u8),
+    /// The mission is cleared after this error.
     Clear(UploadError),
+    /// The number of items is read to check that the mission was cleared after this error.
     CheckCleared(UploadError),
+    /// The transfer has ended.
     Over(UploadOutcome),
 }
 
 /// The time without progress after which a message is repeated.
 const ANSWER_TIME: Duration = Duration::from_millis(1_000);
 
+/// The largest number of times that a message is sent without progress.
 const ATTEMPTS: u8 = 8;
 
 /// The number of times that the last item is sent before its effect is read back.
