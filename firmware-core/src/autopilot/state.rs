@@ -132,7 +132,7 @@ pub(super) struct Trial<T: Scalar> {
     pub(super) reached_mps: T,
 }
 
-/// The requests for telemetry of [`Phase::Checking`](super::phase::Phase::Checking).
+/// The requests for telemetry of [`Phase::Checking`].
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TelemetryRequests {
     /// The next step: the telemetry to request next.

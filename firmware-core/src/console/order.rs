@@ -25,7 +25,7 @@ pub enum PolicyKind {
 pub enum Clock {
     /// The board's own timer.
     Board,
-    /// The time sent in [`Tick`]s.
+    /// The time sent in [`Tick`](super::Tick)s.
     Console,
 }
 

@@ -13,8 +13,8 @@
 //! ```
 //!
 //! In a slot the computer plans from the measured position, flies the leg, reports the
-//! [`Arrival`], receives the channel state that the ground answers with, allocates, and sends the
-//! command and a [`VehicleStatus`]; then the next slot begins. Slot `n` ends at `t_0 + n delta` of
+//! [`Arrival`](crate::link::Arrival), receives the channel state that the ground answers with, allocates, and sends the
+//! command and a [`VehicleStatus`](crate::link::VehicleStatus); then the next slot begins. Slot `n` ends at `t_0 + n delta` of
 //! the vehicle's clock, where `t_0` is the moment at which slot 1 began: the exchange takes place
 //! in the first part of the next slot, and no message moves the end of a slot. An arrival that is
 //! not answered is sent again. Where no channel state is received within

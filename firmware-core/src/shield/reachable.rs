@@ -270,7 +270,7 @@ mod tests {
                     assert!((-1e-9..=available_m + 1e-9).contains(&step_m), "{step_m}");
                     let ended_m = braking_agility.ended_m(last_m, available_m, 60 - slot);
                     if step_m >= available_m - 1e-9 {
-                        // Nothing in the way, or nothing that braking could still change.
+                        // The border limits the step, or braking comes too late to matter.
                         free += 1;
                         let braked_m = (last_m - 2.0 * gain_m).max(ended_m);
                         assert!(

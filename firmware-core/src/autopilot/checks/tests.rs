@@ -160,7 +160,7 @@ fn what_clips_is_set_and_restored_even_if_every_second_answer_is_lost() {
     assert!(manager.is_restored() && said.len() == 4, "{said:?}");
 }
 
-/// A refused change is not repeated for ever; a parameter that cannot be restored is reported with
+/// A refused change is not repeated without end; a parameter that cannot be restored is reported with
 /// its original value.
 #[test]
 fn what_cannot_be_set_or_restored_is_reported() {
