@@ -55,7 +55,7 @@ pub struct Autopilot<T: Scalar> {
     pub(super) holds: Option<Mode>,
     /// The place of take-off, from which heights are measured until the landing.
     pub(super) site: TakeoffSite<T>,
-    /// The setpoints, from [`Phase::TakingControl`] until the autopilot has accepted the landing.
+    /// The setpoints. They are sent from [`Phase::TakingControl`] until the landing is accepted.
     pub(super) stream: Option<Stream<T>>,
     /// The estimate improves from leg to leg.
     pub(super) lag: LagEstimate<T>,
