@@ -12,7 +12,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use super::HostMission;
+use crate::{HostMission, file::table};
 
 /// The `[sensing]` table. All keys have defaults, which give the mean of a temperature field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +30,7 @@ pub struct Sensing {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements_csv: Option<PathBuf>,
     /// The field that is measured if no CSV file is given.
+    #[serde(deserialize_with = "table")]
     pub field: TemperatureField,
     /// The content of the CSV file, row by row.
     #[serde(skip)]
