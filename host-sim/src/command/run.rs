@@ -162,7 +162,7 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
 /// Flies the same policy with the ideal vehicle if the flight was with another one. The difference
 /// of the totals is the loss due to the vehicle's dynamics and its links.
 fn ideal_sum_rate(record: &FlightRecord, arguments: &RunArguments) -> Option<f64> {
-    if record.profile == Profile::Ideal.name() {
+    if Profile::from_str(&record.profile).is_ok_and(Profile::is_ideal) {
         return None;
     }
     let (policy, inner) = (&arguments.policy, arguments.inner);

@@ -65,7 +65,7 @@ impl Pace {
 pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> AutopilotSettings<f64> {
     let p = scenario.mission.parameters();
     let mut limits = profile.client_limits();
-    if profile != Profile::Ideal {
+    if !profile.is_ideal() {
         // The mission's own speed limit (eq:traj1) also applies between waypoints.
         limits.speed_mps = limits.speed_mps.min(p.max_speed_mps);
     }
