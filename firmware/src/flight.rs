@@ -58,7 +58,7 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
     let Some(computer) = &mut commissioned else {
         board.halt(&"no computer after an order")
     };
-    report(board, &BoardReport::Ready);
+    report(board, &console::ready(computer));
     let mut flight = Flight::default();
     loop {
         let call = next_call(board, &mut calls);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use firmware_core::{Mission, autopilot::frames::Geodetic, policy::Provenance};
+use firmware_core::{Mission, autopilot::frames::Geodetic};
 use sha2::{Digest, Sha256};
 
 use crate::{
@@ -28,9 +28,9 @@ pub struct Scenario {
 
 impl Scenario {
     /// Returns a warning if a policy was trained for another mission, or `None` if it was trained
-    /// for this one.
-    pub fn foreign_policy(&self, provenance: &Provenance) -> Option<String> {
-        let (trained_for, digest) = (provenance.scenario_digest.as_str(), self.digest());
+    /// for this one. `trained_for` is the `scenario_digest` of its file.
+    pub fn foreign_policy(&self, trained_for: &str) -> Option<String> {
+        let digest = self.digest();
         (trained_for != digest).then(|| {
             let trained_for = match trained_for {
                 "" => "it names no mission".to_owned(),

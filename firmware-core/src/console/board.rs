@@ -1,6 +1,11 @@
 //! The onboard computer that a board creates from an order.
 
-use super::order::{MissionOrder, OrderError, PolicyKind};
+use heapless::String;
+
+use super::{
+    order::{MissionOrder, OrderError, PolicyKind},
+    protocol::BoardReport,
+};
 use crate::{
     Mission, SENSORS_MAX, USERS_MAX,
     autopilot::{Autopilot, AutopilotSettings, failsafe::Watch, preflight::Preflight},
@@ -40,6 +45,24 @@ impl<B: AsRef<[u8]>> Policy<f32, USERS_MAX> for BoardPolicy<B> {
             Self::Trained(policy) => Policy::<f32, USERS_MAX>::revise(policy, change, slots_begun),
             Self::StraightLine(policy) => policy.revise(change, slots_begun),
         }
+    }
+}
+
+impl<B: AsRef<[u8]>> BoardPolicy<B> {
+    /// Returns the digest of the mission that the policy was trained for, or `None` if it is a rule.
+    pub fn scenario_digest(&self) -> Option<&String<64>> {
+        match self {
+            Self::Trained(policy) => Some(&policy.provenance().scenario_digest),
+            Self::StraightLine(_) => None,
+        }
+    }
+}
+
+/// Returns the report of a board whose order was accepted.
+pub fn ready<B: AsRef<[u8]>>(computer: &BoardComputer<B>) -> BoardReport {
+    let policy = computer.controller().policy();
+    BoardReport::Ready {
+        scenario_digest: policy.scenario_digest().cloned(),
     }
 }
 

@@ -25,7 +25,7 @@ mod board;
 mod order;
 mod protocol;
 
-pub use board::{BoardComputer, BoardMission, BoardPolicy};
+pub use board::{BoardComputer, BoardMission, BoardPolicy, ready};
 pub use order::{Clock, MissionOrder, OrderError, PolicyKind, in_single_precision, slot_patience};
 pub use protocol::{
     BoardReport, CONSOLE_FRAME_MAX, CONSOLE_VERSION, Call, Calls, Cost, Footprint,

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The version of the console's messages. Any change of a message needs a new version.
-pub const CONSOLE_VERSION: u8 = 129;
+pub const CONSOLE_VERSION: u8 = 130;
 
 /// The length of the longest frame: an order with the largest number of users and sensors.
 pub const CONSOLE_FRAME_MAX: usize = 832;
@@ -91,7 +91,11 @@ pub enum Call {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum BoardReport {
     /// The order was accepted.
-    Ready,
+    Ready {
+        /// The digest of the mission that the policy was trained for, by which the bench finds that
+        /// it is another mission; `None` if the policy is a rule.
+        scenario_digest: Option<String<64>>,
+    },
     /// The order was refused for this reason; another may follow.
     Refused(String<TEXT_MAX>),
     /// A round is done.
@@ -209,6 +213,6 @@ mod tests {
         });
         let mut buffer = [0; 32];
         let frame = encode_call(&tick, &mut buffer).expect("fits");
-        assert_eq!(frame[..8], [0, 11, 129, 1, 172, 2, 1, 2]);
+        assert_eq!(frame[..8], [0, 11, 130, 1, 172, 2, 1, 2]);
     }
 }
