@@ -257,7 +257,7 @@ impl Flight {
                 (None, Some(cause)) => console::words(&cause),
                 (None, None) => console::words(&client.phase()),
             };
-            report(board, &BoardReport::BrokenOff(why));
+            report(board, &BoardReport::Aborted(why));
         }
     }
 

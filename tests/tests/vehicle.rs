@@ -229,7 +229,7 @@ fn a_ground_station_that_was_never_reached_is_noted() {
         .success();
     let words = String::from_utf8(run.get_output().stderr.clone()).unwrap();
     assert_eq!(words.lines().count(), 1, "{words}");
-    let note = format!("note: nobody was reached at {link}");
+    let note = format!("note: no ground station was reached at {link}");
     assert!(words.starts_with(&note), "{words}");
 }
 

@@ -81,7 +81,9 @@ impl Event {
             && self.sensor.is_none()
             && (self.position_m.is_some() || self.leaves.is_some())
         {
-            return Err("position_m and leaves need user or sensor beside them".into());
+            return Err(
+                "position_m and leaves need the key user or sensor in the same event".into(),
+            );
         }
         changes.extend(self.mse_threshold.map(MissionChange::MseThreshold));
         let noise = self.noise_dbm.map(Watt::from_dbm);
@@ -268,7 +270,7 @@ mod tests {
             ),
             (
                 "[[event]]\nslot = 9\nleaves = true\n",
-                "need user or sensor beside them",
+                "need the key user or sensor",
             ),
             (
                 "[[event]]\nslot = 9\nuser = 17\nposition_m = [1, 1]\n",

@@ -191,6 +191,16 @@ fn measurements_come_from_the_csv() {
     assert!(short.contains("46 rows of measurements, but the mission has 47 slots"));
     fs::write(&data, "1,nan,3\n".repeat(47)).unwrap();
     let nan = Scenario::load(&path).unwrap_err().to_string();
+    #[cfg(unix)]
+    {
+        let endless = file.replace("data.csv", "/dev/zero");
+        fs::write(folder.path().join("endless.toml"), endless).unwrap();
+        let endless = Scenario::load(&folder.path().join("endless.toml")).unwrap_err();
+        assert!(
+            endless.to_string().contains("longer than 64 MiB"),
+            "{endless}"
+        );
+    }
     assert!(nan.contains("row 1, column 2 is `nan`, but must be a finite number"));
 }
 

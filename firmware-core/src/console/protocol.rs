@@ -103,7 +103,7 @@ pub enum BoardReport {
     /// A description of an event.
     Event(String<TEXT_MAX>),
     /// The mission was aborted for this reason.
-    BrokenOff(String<TEXT_MAX>),
+    Aborted(String<TEXT_MAX>),
     /// The use of memory.
     Footprint(Footprint),
 }
@@ -195,7 +195,7 @@ mod tests {
     fn the_longest_report_fits_and_survives() {
         let text = words(&"x".repeat(200));
         assert_eq!(text.len(), TEXT_MAX);
-        let report = BoardReport::BrokenOff(text);
+        let report = BoardReport::Aborted(text);
         let mut buffer = [0; REPORT_FRAME_MAX];
         let frame = encode_report(&report, &mut buffer).expect("fits");
         let mut reports = Reports::default();

@@ -2,7 +2,7 @@
 //! the figures measure, and what other flights are compared with.
 
 use crate::{
-    flight::{self, FlightSettings, Pace, Peer},
+    flight::{self, FlightSettings, Peer, RealTimeFactor},
     policy::{HostPolicy, PolicyChoice},
     record::FlightRecord,
 };
@@ -26,7 +26,7 @@ pub fn fly(
         policy: name,
         inner,
         profile: Profile::Ideal,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         // The rates are analytic; the signals are drawn by `host-sim run`.
         symbols_per_slot: 1,

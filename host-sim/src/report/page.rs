@@ -36,7 +36,7 @@ fn heading(record: &FlightRecord, summary: &Summary) -> Element {
                 .with(element("span").class("by").text(" flown by "))
                 .text(summary.policy.clone()),
         )
-        .with_all(broken_off(record))
+        .with_all(aborted(record))
         .with_all(policy_warning(summary))
         .with(element("p").class("lead").text(format!(
             "{}, {} allocation, {} vehicle, seed {}",
@@ -48,7 +48,7 @@ fn heading(record: &FlightRecord, summary: &Summary) -> Element {
 }
 
 /// Returns the notice at the top of the page for a flight that was aborted.
-fn broken_off(record: &FlightRecord) -> Option<Element> {
+fn aborted(record: &FlightRecord) -> Option<Element> {
     let slots = record.scenario.mission.slots() as usize;
     (record.slots.len() < slots).then(|| {
         element("p").class("alarm").text(format!(
@@ -129,7 +129,7 @@ fn tiles(record: &FlightRecord, summary: &Summary) -> Element {
             value: verdict(summary.fair),
             unit: "",
             words: format!(
-                "every user has at least {}, {} owed",
+                "every user has at least {}, quota {}",
                 count(summary.fewest_slots() as usize, "slot"),
                 summary.quotas_in_words()
             ),
@@ -294,11 +294,8 @@ fn figures(record: &FlightRecord, summary: &Summary) -> Element {
         .with(figure(
             "Total per user",
             format!(
-                "Each piece is a slot, coloured by its rate; {} owed to everybody.",
-                match record.scenario.mission.quota() {
-                    1 => "1 slot is".to_owned(),
-                    quota => format!("{quota} slots are"),
-                }
+                "Each piece is a slot, coloured by its rate; each user's quota is {}.",
+                count(record.scenario.mission.quota() as usize, "slot")
             ),
             schedule::totals(record),
         ))

@@ -149,7 +149,7 @@ impl Image {
                 image.scenario_digest = scenario_digest.map(|digest| digest.as_str().into());
                 Ok(image)
             }
-            Ok(BoardReport::Refused(why) | BoardReport::BrokenOff(why)) => {
+            Ok(BoardReport::Refused(why) | BoardReport::Aborted(why)) => {
                 Err(format!("tcp:{to}: the board refuses: {why}"))
             }
             Ok(other) => Err(format!("tcp:{to}: an answer out of turn: {other:?}")),
@@ -201,7 +201,7 @@ impl OnboardComputer for Image {
             match self.report()? {
                 BoardReport::Tock(tock) => break tock,
                 BoardReport::Event(words) => self.events.push_back(words.as_str().into()),
-                BoardReport::BrokenOff(why) => self.aborted_because = Some(why.as_str().into()),
+                BoardReport::Aborted(why) => self.aborted_because = Some(why.as_str().into()),
                 BoardReport::Ready { .. } | BoardReport::Refused(_) | BoardReport::Footprint(_) => {
                 }
             }
