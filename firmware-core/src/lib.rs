@@ -15,21 +15,25 @@
 //!
 //! # The modules, from the paper's equations to the vehicle
 //!
-//! | module | contents |
-//! |---|---|
-//! | [`mission`] | the validated parameters of a mission (Table I) |
-//! | [`channel`] | the probabilistic line-of-sight gain (eq:gain to eq:gmn) |
-//! | [`aircomp`] | MSE, rate and normalizing factor as printed: the reference implementation |
-//! | [`inner`] | the slot problem (eq:p1): the exact optimum, and the paper's own algorithm |
-//! | [`shield`] | the hard constraints, enforced on every action of a policy |
-//! | [`planner`] | a near-optimal plan for any mission, improved step by step, also in flight |
-//! | [`policy`] | the policies that decide where to fly and whom to serve |
-//! | [`controller`] | the slot cycle: plan, then allocate |
-//! | [`link`] | frames to and from the ground |
-//! | [`autopilot`] | the MAVLink client |
-//! | [`console`] | orders to a board before a flight, and its test bench |
-//! | [`onboard`] | the whole onboard computer: bytes in, bytes out |
-//! | [`time`], [`scalar`], [`units`] | time, numbers and units that the other modules use |
+//! | module | feature | contents |
+//! |---|---|---|
+//! | [`mission`] | | the validated parameters of a mission (Table I) |
+//! | [`channel`] | | the probabilistic line-of-sight gain (eq:gain to eq:gmn) |
+//! | [`aircomp`] | | MSE, rate and normalizing factor as printed: the reference implementation |
+//! | [`inner`] | | the slot problem (eq:p1): the exact optimum, and the paper's own algorithm |
+//! | [`shield`] | | the hard constraints, enforced on every action of a policy |
+//! | [`policy`] | `policy` | the policies that decide where to fly and whom to serve |
+//! | [`controller`] | `policy` | the slot cycle: plan, then allocate |
+//! | [`planner`] | `planner` | a near-optimal plan for any mission, improved step by step, also in flight |
+//! | [`link`] | `link` | frames to and from the ground |
+//! | [`autopilot`] | `autopilot` | the MAVLink client |
+//! | [`onboard`] | `link`, `autopilot` | the whole onboard computer: bytes in, bytes out |
+//! | [`console`] | `link`, `autopilot`, `planner` | orders to a board before a flight, and its test bench |
+//! | [`time`], [`scalar`], [`units`], [`limits`], [`counter`] | | time, numbers, units, limits and counters that the other modules use |
+//!
+//! Without features the crate depends on nalgebra, heapless, libm and serde only. `onnx` adds
+//! policies as ONNX files and needs std; `defmt` adds `defmt::Format`, `embassy-time` conversions
+//! of times.
 //!
 //! # A slot problem, solved
 //!
@@ -57,28 +61,46 @@
 #[cfg(any(test, feature = "onnx"))]
 extern crate std;
 
+#[cfg(all(feature = "onnx", target_os = "none"))]
+compile_error!(
+    "the feature `onnx` needs std, which this target does not have: convert the policy with \
+     `trainer convert F.onnx F.policy`, and use the feature `policy`"
+);
+
 pub mod aircomp;
+#[cfg(feature = "autopilot")]
 pub mod autopilot;
 pub mod channel;
+#[cfg(all(feature = "link", feature = "planner", feature = "autopilot"))]
 pub mod console;
+#[cfg(feature = "policy")]
 pub mod controller;
-mod counter;
+pub mod counter;
 pub mod inner;
+pub mod limits;
+#[cfg(feature = "link")]
 pub mod link;
 pub mod mission;
+#[cfg(all(feature = "link", feature = "autopilot"))]
 pub mod onboard;
+#[cfg(feature = "planner")]
 pub mod planner;
+#[cfg(feature = "policy")]
 pub mod policy;
 pub mod scalar;
 pub mod shield;
-// `test_missions` names the crate as the tests in `tests/` do.
-#[cfg(test)]
-extern crate self as firmware_core;
 #[cfg(test)]
 mod test_missions;
 pub mod time;
 pub mod units;
 
+// Crates whose types appear in this crate's interface.
+pub use heapless;
+#[cfg(feature = "autopilot")]
+pub use mavlink;
+pub use nalgebra;
+
+pub use limits::MotionLimits;
 pub use mission::Mission;
 pub use scalar::{Displacement, Position, Scalar};
 pub use units::{PowerGain, Watt};

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
 )]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Instant {
     micros: u64,
 }
@@ -21,8 +22,24 @@ pub struct Instant {
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
 )]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Duration {
     micros: u64,
+}
+
+/// The end of a slot, on the vehicle's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Tick {
+    /// The time, on the vehicle's clock.
+    pub time: Instant,
+    /// How much later the position became known, in vehicle time.
+    pub lateness: Duration,
+    /// No sample was received in time: the position is extrapolated from the last one with its
+    /// velocity.
+    pub extrapolated: bool,
+    /// The estimated rate of the vehicle's clock, in its seconds per second of ours.
+    pub clock_rate: f32,
 }
 
 impl Instant {
@@ -154,6 +171,38 @@ impl Div<u32> for Duration {
     /// Rounds down. A division by zero counts as a division by 1.
     fn div(self, divisor: u32) -> Self {
         Self::from_micros(self.micros / u64::from(divisor.max(1)))
+    }
+}
+
+/// Conversions from and to embassy-time, which count microseconds from the start of its driver.
+#[cfg(feature = "embassy-time")]
+mod embassy {
+    use super::{Duration, Instant};
+
+    impl From<embassy_time::Instant> for Instant {
+        fn from(instant: embassy_time::Instant) -> Self {
+            Self::from_micros(instant.as_micros())
+        }
+    }
+
+    /// Rounds down to a tick of the driver.
+    impl From<Instant> for embassy_time::Instant {
+        fn from(instant: Instant) -> Self {
+            Self::from_micros(instant.as_micros())
+        }
+    }
+
+    impl From<embassy_time::Duration> for Duration {
+        fn from(duration: embassy_time::Duration) -> Self {
+            Self::from_micros(duration.as_micros())
+        }
+    }
+
+    /// Rounds up to a tick of the driver, so that no time-out becomes shorter.
+    impl From<Duration> for embassy_time::Duration {
+        fn from(duration: Duration) -> Self {
+            Self::from_micros(duration.as_micros())
+        }
     }
 }
 

@@ -11,6 +11,7 @@ use crate::scalar::Scalar;
 /// (`docs/mathematics.md`, correction 1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
 #[serde(transparent)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PowerGain<T>(pub T);
 
 impl<T: Scalar> PowerGain<T> {
@@ -33,6 +34,7 @@ impl<T: Scalar> PowerGain<T> {
 /// Power in watts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
 #[serde(transparent)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Watt<T>(pub T);
 
 impl<T: Scalar> Watt<T> {

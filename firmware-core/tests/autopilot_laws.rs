@@ -5,9 +5,9 @@
 
 use std::cell::RefCell;
 
+use firmware_core::MotionLimits;
 use firmware_core::Position;
 use firmware_core::autopilot::frames::Geodetic;
-use firmware_core::autopilot::guidance::Limits;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::autopilot::wire::Address;
 use firmware_core::autopilot::{
@@ -152,7 +152,7 @@ impl Model {
         settings.coordinates = coordinates;
         settings.set_parameters = limited;
         if limited {
-            settings.limits = Limits {
+            settings.limits = MotionLimits {
                 speed_mps: 20.0,
                 acceleration_mps2: 5.0,
                 jerk_mps3: 20.0,

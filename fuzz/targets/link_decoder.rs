@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use ::link::audit::LinkAuditor;
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::Tick,
+    time::Tick,
     controller::{ChannelState, Controller},
     link::{self, Arrival, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION},
     policy::StraightLine,

@@ -5,11 +5,11 @@ mod summary;
 
 use firmware_core::{
     Position,
-    autopilot::Tick,
     controller::ChannelSource,
     inner::LimitedBy,
     link::{LinkCounters, VehicleStatus},
     shield::Intervention,
+    time::Tick,
 };
 use serde::Serialize;
 

@@ -5,8 +5,11 @@ use std::fmt;
 use std::io::{self, Write};
 
 use firmware_core::autopilot::wire::signing::{Signer, SigningKey, Verifier};
-use firmware_core::autopilot::wire::{Address, Counters, Decoder, Encoder, Frame, MAX_FRAME};
 use firmware_core::time::Instant;
+use firmware_core::{
+    autopilot::wire::{Address, Decoder, Encoder, Frame, MAX_FRAME},
+    counter::MavlinkCounters,
+};
 use mavlink::dialects::common::MavMessage;
 
 use super::Link;
@@ -63,7 +66,7 @@ impl Port {
     }
 
     /// Returns the counters of received frames.
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> MavlinkCounters {
         self.decoder.counters()
     }
 

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use firmware_core::autopilot::guidance::Limits;
+use firmware_core::MotionLimits;
 use firmware_core::autopilot::profile::Firmware;
 use firmware_core::time::Duration;
 
@@ -202,12 +202,12 @@ impl Profile {
 
     /// Returns the limits that a client should plan with. They are below the ability, so that the
     /// vehicle can catch up.
-    pub fn client_limits(self) -> Limits<f64> {
+    pub fn client_limits(self) -> MotionLimits<f64> {
         match self {
-            Self::Ideal => Limits::ideal(),
+            Self::Ideal => MotionLimits::ideal(),
             Self::Multirotor | Self::ArduCopter | Self::Px4 => {
                 let ability = self.ability();
-                Limits {
+                MotionLimits {
                     speed_mps: ability.speed_mps * 0.95,
                     acceleration_mps2: ability.acceleration_mps2 * 0.8,
                     jerk_mps3: ability.jerk_mps3 * 0.8,

@@ -5,7 +5,6 @@ use super::command::{Pending, Request};
 use super::event::{Event, Events};
 use super::failsafe::Cause;
 use super::frames::MapFrame;
-use super::guidance::Limits;
 use super::leg::LegEnd;
 use super::phase::{Obstacle, Phase};
 use super::preflight::PreflightRefusal;
@@ -14,6 +13,7 @@ use super::settings::{AutopilotSettings, SettingsError};
 use super::state::{ActiveLeg, LagEstimate, PhaseState, Stream, TakeoffSite, TelemetryRequests};
 use super::telemetry::{Sample, Telemetry};
 use super::wire::Address;
+use crate::limits::MotionLimits;
 use crate::scalar::Scalar;
 use crate::time::Instant;
 
@@ -40,11 +40,11 @@ pub struct Autopilot<T: Scalar> {
     pub(super) obstacle: Option<Obstacle>,
     pub(super) parameter_manager: ParameterManager,
     /// The limits of the vehicle: the settings' limits within those of the parameters.
-    pub(super) limits: Limits<T>,
+    pub(super) limits: MotionLimits<T>,
     /// The speed that the airframe reaches, as configured or as measured by the trial leg, m/s.
     pub(super) airframe_mps: Option<T>,
     /// The limits that the vehicle's parameters impose.
-    pub(super) parameter_limits: Limits<T>,
+    pub(super) parameter_limits: MotionLimits<T>,
     /// The caller wants to start. It may say so before the first heartbeat, and the checks may
     /// fall back to an earlier phase.
     pub(super) launch: bool,
@@ -87,7 +87,7 @@ impl<T: Scalar> Autopilot<T> {
         let mut client = Self {
             map: MapFrame::new(settings.map_origin),
             limits: settings.limits,
-            parameter_limits: Limits::ideal(),
+            parameter_limits: MotionLimits::ideal(),
             airframe_mps: settings.airframe_speed_mps,
             settings,
             state: PhaseState::Connecting,
@@ -173,7 +173,7 @@ impl<T: Scalar> Autopilot<T> {
 
     /// Returns the limits of the vehicle: the settings' limits within those of the vehicle's
     /// parameters.
-    pub fn limits(&self) -> &Limits<T> {
+    pub fn limits(&self) -> &MotionLimits<T> {
         &self.limits
     }
 
@@ -183,9 +183,9 @@ impl<T: Scalar> Autopilot<T> {
     ///
     /// # Errors
     /// Returns an error if a limit is not above zero.
-    pub fn set_limits(&mut self, limits: Limits<T>) -> Result<(), SettingsError> {
+    pub fn set_limits(&mut self, limits: MotionLimits<T>) -> Result<(), SettingsError> {
         if !limits.is_valid() {
-            return Err(SettingsError::Limits);
+            return Err(SettingsError::MotionLimits);
         }
         if matches!(
             self.phase(),
@@ -208,7 +208,7 @@ impl<T: Scalar> Autopilot<T> {
             .acceleration_mps2
             .min(parameters.acceleration_mps2)
             .min(jerk_mps3 / T::of(2.0));
-        self.limits = Limits {
+        self.limits = MotionLimits {
             speed_mps: self
                 .airframe_mps
                 .map_or(speed_mps, |mps| speed_mps.min(mps)),

@@ -13,6 +13,7 @@ use crate::time::Duration;
 
 /// A failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Cause {
     /// No heartbeat of the autopilot was received.
     HeartbeatLost,
@@ -48,6 +49,7 @@ pub enum Cause {
 
 /// The reaction to a failure in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reaction {
     /// Send nothing that moves the vehicle, ever again; our heartbeat continues.
     Release,

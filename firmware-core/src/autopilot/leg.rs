@@ -1,12 +1,11 @@
 //! The flight of one slot and its end.
 
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::phase::Phase;
 use super::telemetry::Sample;
 use crate::scalar::{Position, Scalar};
-use crate::time::{Duration, Instant};
+use crate::time::{Instant, Tick};
 
 /// The flight of one slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,22 +27,9 @@ pub struct LegEnd<T: Scalar> {
     pub tick: Tick,
 }
 
-/// The end of a slot, on the vehicle's clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Tick {
-    /// The time, on the vehicle's clock.
-    pub time: Instant,
-    /// How much later the position became known, in vehicle time.
-    pub lateness: Duration,
-    /// No sample was received in time: the position is extrapolated from the last one with its
-    /// velocity.
-    pub extrapolated: bool,
-    /// The estimated rate of the vehicle's clock, in its seconds per second of ours.
-    pub clock_rate: f32,
-}
-
 /// Error returned when a leg cannot be flown.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LegError {
     /// The vehicle is not ready for legs.
     #[error("no leg can start while {0}")]

@@ -2,12 +2,13 @@
 
 use super::client::Autopilot;
 use super::failsafe::Cause;
-use super::leg::{LegEnd, Tick};
+use super::leg::LegEnd;
 use super::phase::Phase;
 use super::profile::Firmware;
 use super::state::PhaseState;
 use super::telemetry::{Fix, Sample};
 use crate::scalar::Scalar;
+use crate::time::Tick;
 use crate::time::{Duration, Instant};
 
 /// The fraction of an observed lag that changes the estimate.

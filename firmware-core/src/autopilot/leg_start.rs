@@ -1,10 +1,11 @@
 //! The start of a leg: the reference that reaches the waypoint at the slot's end.
 
 use super::client::Autopilot;
-use super::guidance::{Limits, Motion};
+use super::guidance::Motion;
 use super::leg::{Leg, LegError};
 use super::phase::Phase;
 use super::state::{ActiveLeg, PhaseState};
+use crate::limits::MotionLimits;
 use crate::scalar::Scalar;
 use crate::time::Instant;
 
@@ -57,7 +58,7 @@ impl<T: Scalar> Autopilot<T> {
             let aim = leg.waypoint + way * (self.lag.time_s / slot_s.max(self.lag.time_s.abs()));
             if !self.limits.is_ideal() {
                 let speed_mps = self.settings.transit_speed_mps * T::of(LEG_SPEED);
-                stream.guide.set_limits(Limits {
+                stream.guide.set_limits(MotionLimits {
                     speed_mps: self.limits.speed_mps.min(speed_mps),
                     ..self.limits
                 });

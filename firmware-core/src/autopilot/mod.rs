@@ -82,7 +82,7 @@ pub use checks::{Advice, ChangedParameter, Finding, advice};
 pub use client::Autopilot;
 pub use command::{CommandOutcome, Patience, Request};
 pub use event::Event;
-pub use leg::{Leg, LegEnd, LegError, Tick};
+pub use leg::{Leg, LegEnd, LegError};
 pub use phase::{Obstacle, Phase};
 pub use settings::{AutopilotSettings, Coordinates, Geofence, OwnAddress, SettingsError};
 pub use telemetry::Sample;

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// The phase of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Phase {
     /// No autopilot has been heard yet.
     Connecting,
@@ -83,6 +84,7 @@ impl fmt::Display for Phase {
 
 /// A condition that the checks wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Obstacle {
     /// No position sample yet.
     NoPosition,

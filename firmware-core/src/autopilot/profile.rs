@@ -25,6 +25,7 @@ pub enum Firmware {
 
 /// A flight mode: the number in HEARTBEAT.custom_mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Mode(pub u32);
 
 const fn px4_mode(main: u32, sub: u32) -> Mode {

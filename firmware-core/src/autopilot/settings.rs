@@ -6,9 +6,9 @@ use thiserror::Error;
 use super::command::Patience;
 use super::failsafe::Watch;
 use super::frames::Geodetic;
-use super::guidance::Limits;
 use super::preflight::Preflight;
 use super::wire::Address;
+use crate::limits::MotionLimits;
 use crate::scalar::{Position, Scalar};
 use crate::time::Duration;
 
@@ -95,7 +95,7 @@ pub struct AutopilotSettings<T: Scalar> {
     /// Flight altitude above the place of take-off (the paper's H), m.
     pub altitude_m: T,
     /// The limits of the vehicle; infinite for the paper's kinematics.
-    pub limits: Limits<T>,
+    pub limits: MotionLimits<T>,
     /// The speed that the airframe is known to reach, m/s. Where it is `None` and parameters had to
     /// be set, a trial leg before the first slot measures it.
     pub airframe_speed_mps: Option<T>,
@@ -187,7 +187,7 @@ pub enum SettingsError {
     },
     /// A limit is not above zero.
     #[error("limits must be above 0 (infinite is allowed)")]
-    Limits,
+    MotionLimits,
 }
 
 impl<T: Scalar> AutopilotSettings<T> {
@@ -199,7 +199,7 @@ impl<T: Scalar> AutopilotSettings<T> {
             map_origin,
             start,
             altitude_m,
-            limits: Limits::ideal(),
+            limits: MotionLimits::ideal(),
             airframe_speed_mps: None,
             transit_speed_mps: speed_mps,
             climb_speed_mps: T::of(3.0),
@@ -258,7 +258,7 @@ impl<T: Scalar> AutopilotSettings<T> {
             return Err(SettingsError::SetpointInterval { micros });
         }
         if !self.limits.is_valid() {
-            return Err(SettingsError::Limits);
+            return Err(SettingsError::MotionLimits);
         }
         let (x, y) = (self.start.x.to_f64(), self.start.y.to_f64());
         let finite = self.start.coords.map(|c| c.finite()) == Vector2::new(true, true);

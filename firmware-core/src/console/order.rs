@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::{Geofence, SettingsError, frames::Geodetic, guidance::Limits},
+    autopilot::{Geofence, SettingsError, frames::Geodetic},
+    limits::MotionLimits,
     mission::{MissionError, MissionParameters},
     policy::PolicyMismatch,
     scalar::{Position, Scalar},
@@ -37,7 +38,7 @@ pub struct MissionOrder {
     /// The position of the map's origin on Earth.
     pub map_origin: Geodetic,
     /// The limits of the vehicle.
-    pub limits: Limits<f32>,
+    pub limits: MotionLimits<f32>,
     /// The geofence that the vehicle must stay in.
     pub geofence: Option<Geofence<f32>>,
     /// The longest silence of the ground; the vehicle is landed after it.
@@ -147,7 +148,7 @@ pub(super) mod tests {
                 latitude_e7: -353_632_621,
                 longitude_e7: 1_491_652_374,
             },
-            limits: Limits::ideal(),
+            limits: MotionLimits::ideal(),
             geofence: Some(Geofence {
                 low: Position::new(-50.0, -50.0),
                 high: Position::new(1050.0, 1050.0),

@@ -54,6 +54,7 @@ pub struct Plan<T: Scalar> {
 /// The origin of a slot's channel state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ChannelSource {
     /// From the ground, for this slot and position.
     Measured,

@@ -31,9 +31,9 @@ mod speed_estimator;
 
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::guidance::Limits,
     counter::count,
     inner::Method,
+    limits::MotionLimits,
     mission::{Mission, MissionChange},
     policy::{Observation, Policy},
     scalar::{Displacement, Position, Scalar},
@@ -95,7 +95,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// Sets the limits of a vehicle with inertia: what it can be relied on to keep up, in any
     /// direction. The shield then keeps enough distance to brake and to turn back, and asks for no
     /// more than the vehicle can fly. Without this call the paper's kinematics are assumed.
-    pub fn rely_on(&mut self, limits: &Limits<T>) {
+    pub fn rely_on(&mut self, limits: &MotionLimits<T>) {
         let slot_s = self.mission.parameters().slot_duration_s;
         self.speed_estimator.rely_on(limits, slot_s);
     }

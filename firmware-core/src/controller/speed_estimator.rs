@@ -2,7 +2,7 @@
 //! flown.
 
 use crate::{
-    autopilot::guidance::Limits,
+    limits::MotionLimits,
     mission::Mission,
     scalar::{Position, Scalar},
     shield::Agility,
@@ -76,7 +76,7 @@ impl<T: Scalar> SpeedEstimator<T> {
 
     /// Sets the limits of a vehicle with inertia: see
     /// [`Controller::rely_on`](super::Controller::rely_on).
-    pub(super) fn rely_on(&mut self, limits: &Limits<T>, slot_s: T) {
+    pub(super) fn rely_on(&mut self, limits: &MotionLimits<T>, slot_s: T) {
         self.velocity_change_m = limits.acceleration_mps2 * slot_s * slot_s;
         if self.velocity_change_m.finite() {
             let largest_m = self.reach_m * T::of(Self::TRACKING_MOST);

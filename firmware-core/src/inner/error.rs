@@ -1,17 +1,16 @@
 //! Errors for input that is not a slot problem.
 
-use core::fmt;
+use core::{error::Error, fmt};
 
 use crate::{scalar::Scalar, units::PowerGain};
 
 /// Error returned for input that is not a slot problem.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SlotError<T: fmt::Display> {
     /// There are no sensors to average.
-    #[error("sensor_gain is empty, but at least one sensor must be averaged")]
     NoSensors,
     /// A sensor's gain is NaN, infinite or negative.
-    #[error("sensor_gain[{index}] is {value}, but must be a finite power gain of at least 0")]
     SensorGain {
         /// Which sensor.
         index: usize,
@@ -19,13 +18,11 @@ pub enum SlotError<T: fmt::Display> {
         value: T,
     },
     /// The user's gain is NaN, infinite or negative.
-    #[error("user_gain is {value}, but must be a finite power gain of at least 0")]
     UserGain {
         /// The gain.
         value: T,
     },
     /// A limit is out of its range.
-    #[error("{field} is {value}, but must be {expected}")]
     OutOfRange {
         /// The name of the limit.
         field: &'static str,
@@ -35,7 +32,6 @@ pub enum SlotError<T: fmt::Display> {
         expected: &'static str,
     },
     /// The workspace is too small.
-    #[error("there are {sensors} sensors, but the capacity is {capacity}")]
     TooManySensors {
         /// `J`, the number of sensors.
         sensors: usize,
@@ -43,6 +39,35 @@ pub enum SlotError<T: fmt::Display> {
         capacity: usize,
     },
 }
+
+impl<T: fmt::Display> fmt::Display for SlotError<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSensors => {
+                f.write_str("sensor_gain is empty, but at least one sensor must be averaged")
+            }
+            Self::SensorGain { index, value } => write!(
+                f,
+                "sensor_gain[{index}] is {value}, but must be a finite power gain of at least 0"
+            ),
+            Self::UserGain { value } => write!(
+                f,
+                "user_gain is {value}, but must be a finite power gain of at least 0"
+            ),
+            Self::OutOfRange {
+                field,
+                value,
+                expected,
+            } => write!(f, "{field} is {value}, but must be {expected}"),
+            Self::TooManySensors { sensors, capacity } => write!(
+                f,
+                "there are {sensors} sensors, but the capacity is {capacity}"
+            ),
+        }
+    }
+}
+
+impl<T: fmt::Debug + fmt::Display> Error for SlotError<T> {}
 
 impl<T: Scalar> SlotError<T> {
     /// Returns the gain of the user to serve, 0 for nobody, or an error if the gain is invalid.

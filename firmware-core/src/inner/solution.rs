@@ -14,6 +14,7 @@ use crate::{
 /// What limits the rate of an optimal slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LimitedBy {
     /// The accuracy of the average: more user power would exceed `Gamma`.
     Accuracy,
@@ -27,6 +28,7 @@ pub enum LimitedBy {
 /// The status of a slot's solution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Status<T> {
     /// The global optimum of eq:p1.
     Optimal {
@@ -79,6 +81,7 @@ impl<T> Status<T> {
 /// The solution of a slot problem. The coefficients follow from two numbers and the channel:
 /// [`coefficient`](Self::coefficient).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Solution<T> {
     /// The status of the solution.
     pub status: Status<T>,

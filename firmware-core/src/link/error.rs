@@ -5,6 +5,7 @@ use super::message::PROTOCOL_VERSION;
 /// Error returned when the buffer for a frame is too small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a frame does not fit into {capacity} bytes")]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FrameTooLong {
     /// The size of the buffer, bytes.
     pub capacity: usize,
@@ -12,6 +13,7 @@ pub struct FrameTooLong {
 
 /// Error returned when the bytes between two delimiters are not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FrameError {
     /// Longer than any frame.
     #[error("longer than any frame")]

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::status::VehicleStatus;
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::Tick,
     controller::{ChannelState, DatedChange, Plan, SlotCommand},
     scalar::{Position, Scalar},
+    time::Tick,
 };
 
 /// The protocol version of this crate. Any change of a message needs a new version.

@@ -22,6 +22,7 @@ mod message;
 pub mod status;
 
 pub use error::{FrameError, FrameTooLong};
+#[cfg(all(feature = "autopilot", feature = "planner"))]
 pub(crate) use frame::seal;
 pub use frame::{Decoder, encode, encode_as};
 pub use message::{Arrival, FRAME_MAX, Message, NumberedChange, PROTOCOL_VERSION, frame_max};

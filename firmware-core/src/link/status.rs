@@ -13,10 +13,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{autopilot::wire, policy::PlanQuality};
+use crate::{counter::MavlinkCounters, policy::PlanQuality};
 
 /// Counters of what a decoder of the ground link has received, one per outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinkCounters {
     /// Good frames.
     pub messages: u32,
@@ -49,6 +50,7 @@ impl LinkCounters {
 
 /// Counters of slots and of what the ground sent for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SlotCounters {
     /// Slots allocated from the channel state of that slot.
     pub measured: u32,
@@ -85,6 +87,7 @@ pub struct SlotCounters {
 
 /// The vehicle's counters, and the quality of its plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct VehicleStatus {
     /// Slots done.
     pub slots_done: u32,
@@ -93,7 +96,7 @@ pub struct VehicleStatus {
     /// The ground link, as received by the vehicle.
     pub link: LinkCounters,
     /// MAVLink, as received by the vehicle.
-    pub mavlink: wire::Counters,
+    pub mavlink: MavlinkCounters,
     /// MAVLink frames with a correct checksum whose message could not be decoded.
     pub mavlink_unreadable: u32,
     /// The quality of the plan for the slots that are left, if the policy has a plan.

@@ -1,13 +1,13 @@
 use super::{frame::CHECKSUM, *};
 use crate::{
     Watt,
-    autopilot::Tick,
     controller::{ChannelSource, ChannelState, DatedChange, Plan, SlotCommand},
     inner::*,
     mission::MissionChange,
     scalar::Position,
     shield::Intervention,
     test_missions::table_one,
+    time::Tick,
     time::{Duration, Instant},
     units::PowerGain,
 };

@@ -1,6 +1,6 @@
 //! Changes of what is known of a mission while it is flown.
 
-use core::fmt;
+use core::{error::Error, fmt};
 
 use serde::{Deserialize, Serialize};
 
@@ -81,13 +81,12 @@ impl<T: Scalar> fmt::Display for MissionChange<T> {
 }
 
 /// Error returned when a change is refused. The mission is then as before.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ChangeError<T: fmt::Display> {
     /// The changed mission is invalid.
-    #[error(transparent)]
-    Invalid(#[from] MissionError<T>),
+    Invalid(MissionError<T>),
     /// The number is neither that of a user or sensor nor the next one.
-    #[error("{what} {number}, but must be at most {next}, the next unused number")]
     UnknownNumber {
         /// `user` or `sensor`.
         what: &'static str,
@@ -97,7 +96,6 @@ pub enum ChangeError<T: fmt::Display> {
         next: usize,
     },
     /// There is no capacity for one more.
-    #[error("{what} {number}, but there is capacity for {capacity}, numbered from 0")]
     Full {
         /// `user` or `sensor`.
         what: &'static str,
@@ -107,7 +105,6 @@ pub enum ChangeError<T: fmt::Display> {
         capacity: usize,
     },
     /// The last user or sensor cannot leave.
-    #[error("{what} {number} is the last one, and cannot leave")]
     LastOne {
         /// `user` or `sensor`.
         what: &'static str,
@@ -115,13 +112,47 @@ pub enum ChangeError<T: fmt::Display> {
         number: u16,
     },
     /// More slots are done or under way than the mission would have.
-    #[error("mission.slots is {slots}, but {begun} slots have begun")]
     SlotsBegun {
         /// `N` in the change.
         slots: u32,
         /// The number of slots that are done or under way.
         begun: u32,
     },
+}
+
+impl<T: fmt::Display> fmt::Display for ChangeError<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Invalid(error) => error.fmt(f),
+            Self::UnknownNumber { what, number, next } => write!(
+                f,
+                "{what} {number}, but must be at most {next}, the next unused number"
+            ),
+            Self::Full {
+                what,
+                number,
+                capacity,
+            } => write!(
+                f,
+                "{what} {number}, but there is capacity for {capacity}, numbered from 0"
+            ),
+            Self::LastOne { what, number } => {
+                write!(f, "{what} {number} is the last one, and cannot leave")
+            }
+            Self::SlotsBegun { slots, begun } => {
+                write!(f, "mission.slots is {slots}, but {begun} slots have begun")
+            }
+        }
+    }
+}
+
+/// An invalid mission is not reported as a source, because its message is already this one's.
+impl<T: fmt::Debug + fmt::Display> Error for ChangeError<T> {}
+
+impl<T: fmt::Display> From<MissionError<T>> for ChangeError<T> {
+    fn from(error: MissionError<T>) -> Self {
+        Self::Invalid(error)
+    }
 }
 
 impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {

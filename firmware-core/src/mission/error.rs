@@ -1,11 +1,12 @@
 //! The errors of a mission, which name the parameter and its value.
 
-use core::fmt;
+use core::{error::Error, fmt};
 
 use serde::{Deserialize, Serialize};
 
 /// The parameter that an error concerns. [`fmt::Display`] prints its name in the scenario file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Parameter {
     /// `N`, the number of slots.
     Slots,
@@ -72,10 +73,10 @@ impl fmt::Display for Parameter {
 }
 
 /// Error returned when the mission is invalid. Every variant carries the invalid value.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MissionError<T: fmt::Display> {
     /// A number is NaN, infinite or outside its range.
-    #[error("{parameter} is {value}, but must be {expected}")]
     OutOfRange {
         /// The parameter.
         parameter: Parameter,
@@ -85,10 +86,6 @@ pub enum MissionError<T: fmt::Display> {
         expected: &'static str,
     },
     /// A place is not finite or lies outside the area.
-    #[error(
-        "{parameter} is [{east_m}, {north_m}], but must lie in the area \
-         [0, {area_east_m}] x [0, {area_north_m}] (metres)"
-    )]
     OutsideArea {
         /// The parameter.
         parameter: Parameter,
@@ -102,18 +99,11 @@ pub enum MissionError<T: fmt::Display> {
         area_north_m: T,
     },
     /// There are no users.
-    #[error("users.positions_m is empty, but at least one user must be served")]
     NoUsers,
     /// There are no sensors.
-    #[error("sensors.positions_m is empty, but at least one sensor must be averaged")]
     NoSensors,
     /// `Gamma >= 1/J`: an estimate of constant zero would meet the threshold, so sensors would stay
     /// silent and AirComp would carry no data.
-    #[error(
-        "aircomp.mse_threshold is {value}, but must be below 1/J = {limit} \
-         (J = {sensors} sensors): at or above it an all-zero estimate is accurate enough \
-         and no sensor would transmit"
-    )]
     MseThresholdTooLoose {
         /// `Gamma`.
         value: T,
@@ -123,10 +113,6 @@ pub enum MissionError<T: fmt::Display> {
         sensors: usize,
     },
     /// The destination is further away than `(N + 1) V_max delta`.
-    #[error(
-        "mission.destination_m is {distance_m} m from mission.start_m, but must be within {reach_m} m: \
-         (slots + 1) x max_speed_mps x slot_duration_s"
-    )]
     DestinationOutOfReach {
         /// From start to destination, metres.
         distance_m: T,
@@ -134,3 +120,52 @@ pub enum MissionError<T: fmt::Display> {
         reach_m: T,
     },
 }
+
+impl<T: fmt::Display> fmt::Display for MissionError<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OutOfRange {
+                parameter,
+                value,
+                expected,
+            } => write!(f, "{parameter} is {value}, but must be {expected}"),
+            Self::OutsideArea {
+                parameter,
+                east_m,
+                north_m,
+                area_east_m,
+                area_north_m,
+            } => write!(
+                f,
+                "{parameter} is [{east_m}, {north_m}], but must lie in the area \
+                 [0, {area_east_m}] x [0, {area_north_m}] (metres)"
+            ),
+            Self::NoUsers => {
+                f.write_str("users.positions_m is empty, but at least one user must be served")
+            }
+            Self::NoSensors => f.write_str(
+                "sensors.positions_m is empty, but at least one sensor must be averaged",
+            ),
+            Self::MseThresholdTooLoose {
+                value,
+                limit,
+                sensors,
+            } => write!(
+                f,
+                "aircomp.mse_threshold is {value}, but must be below 1/J = {limit} \
+                 (J = {sensors} sensors): at or above it an all-zero estimate is accurate enough \
+                 and no sensor would transmit"
+            ),
+            Self::DestinationOutOfReach {
+                distance_m,
+                reach_m,
+            } => write!(
+                f,
+                "mission.destination_m is {distance_m} m from mission.start_m, but must be within \
+                 {reach_m} m: (slots + 1) x max_speed_mps x slot_duration_s"
+            ),
+        }
+    }
+}
+
+impl<T: fmt::Debug + fmt::Display> Error for MissionError<T> {}

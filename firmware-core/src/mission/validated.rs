@@ -116,6 +116,7 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
 
     /// Moves values to their sensors: `values`, one per sensor, begins with those of the sensors
     /// that have not left. The others get `none`.
+    #[cfg(feature = "policy")]
     pub(crate) fn spread_to_sensors<V: Copy>(&self, values: &mut [V], none: V) {
         let sensors = self.sensor_count().min(values.len());
         let absent = &self.absent_sensors[..sensors];

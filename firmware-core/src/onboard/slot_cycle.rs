@@ -6,9 +6,10 @@ use super::{
     stage::{Fault, Stage},
 };
 use crate::{
-    autopilot::{Leg, LegEnd, Phase, guidance::Limits},
+    autopilot::{Leg, LegEnd, Phase},
     controller::{ChannelSource, SlotCommand},
     counter::count,
+    limits::MotionLimits,
     link::Arrival,
     policy::Policy,
     scalar::{Position, Scalar},
@@ -48,7 +49,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
                 // The limits that the vehicle's parameters impose are known by now; guidance uses
                 // them.
                 let limits = *self.autopilot.limits();
-                self.controller.rely_on(&Limits {
+                self.controller.rely_on(&MotionLimits {
                     acceleration_mps2: limits.acceleration_mps2 * T::of(RELIABLE_FRACTION),
                     ..limits
                 });

@@ -76,6 +76,7 @@ pub struct Action<T: Scalar, const M: usize> {
 
 /// The quality of a policy's plan for the slots that are left, for those who watch the flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PlanQuality {
     /// The sum of the rates that the plan expects from the coming slot on, bit/s/Hz.
     pub value: f32,

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// What the shield changed in an action, if anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Intervention {
     /// The displacement was moved onto `F_n`.
     pub displacement: bool,

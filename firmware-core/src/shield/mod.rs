@@ -26,6 +26,7 @@ mod reachable;
 mod waypoint;
 
 pub use agility::Agility;
+#[cfg(feature = "planner")]
 pub(crate) use fairness::reduce_to;
 pub use fairness::{Fairness, admissible_user, scores_are_sound};
 pub use intervention::Intervention;

@@ -1,7 +1,10 @@
 //! Selects the profile whose limits the client plans with: the specified one, or that of the
 //! autopilot that answers.
 
-use firmware_core::autopilot::{Autopilot, guidance::Limits, profile::Firmware};
+use firmware_core::{
+    MotionLimits,
+    autopilot::{Autopilot, profile::Firmware},
+};
 use thiserror::Error;
 
 use super::settings::autopilot_settings;
@@ -27,7 +30,7 @@ pub struct WrongProfile {
 #[derive(Clone, Debug)]
 pub struct ProfileChoice {
     given: Option<Profile>,
-    limits: Vec<(Profile, Limits<f64>)>,
+    limits: Vec<(Profile, MotionLimits<f64>)>,
     settled: Option<Profile>,
 }
 

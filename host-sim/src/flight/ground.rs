@@ -246,9 +246,9 @@ mod tests {
     use super::*;
     use firmware_core::controller::ChannelState;
     use firmware_core::{
-        autopilot::Tick,
         controller::{Controller, SlotCommand},
         policy::StraightLine,
+        time::Tick,
     };
     use scenario::{Scenario, Topology, generate};
 

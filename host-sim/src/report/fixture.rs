@@ -2,9 +2,9 @@
 //! a vehicle that reaches every waypoint, and errors drawn with their theoretical variance.
 
 use firmware_core::{
-    autopilot::Tick,
     controller::{ChannelState, Controller},
     policy::StraightLine,
+    time::Tick,
 };
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};

@@ -1,10 +1,10 @@
 use firmware_core::{
     Position, PowerGain, Watt,
-    autopilot::Tick,
     controller::Controller,
     link::{FRAME_MAX, encode},
     mission::{Area, Environment, ExcessLoss, MissionParameters},
     policy::StraightLine,
+    time::Tick,
 };
 
 use super::*;

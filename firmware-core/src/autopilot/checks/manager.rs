@@ -7,9 +7,12 @@ use mavlink::dialects::common::{
 
 use super::finding::Finding;
 use super::rules::{ARDUCOPTER, Effect, MARGIN, Needs, PX4, Rule, is_renamed, rules};
-use crate::autopilot::{guidance::Limits, profile::Firmware, wire::Address};
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
+use crate::{
+    autopilot::{profile::Firmware, wire::Address},
+    limits::MotionLimits,
+};
 
 /// A parameter that differs from its original value, or is about to be changed, with the original
 /// value as received.
@@ -150,7 +153,7 @@ impl ParameterManager {
         rule: &Rule,
         value: f32,
         needs: &Needs,
-        limits: &mut Limits<T>,
+        limits: &mut MotionLimits<T>,
     ) {
         // There are no more rules than places (verified by a test).
         let _ = self.values.push((rule.name, value));
@@ -191,7 +194,7 @@ impl ParameterManager {
         now: Instant,
         (to, firmware): (Address, Firmware),
         needs: &Needs,
-        limits: &mut Limits<T>,
+        limits: &mut MotionLimits<T>,
         mut report: impl FnMut(Finding),
     ) -> Option<MavMessage> {
         let rules = rules(firmware);
@@ -240,7 +243,7 @@ impl ParameterManager {
         firmware: Firmware,
         message: &PARAM_VALUE_DATA,
         needs: &Needs,
-        limits: &mut Limits<T>,
+        limits: &mut MotionLimits<T>,
         may_set: bool,
     ) -> Option<Finding> {
         let rule = rules(firmware).get(self.next)?;

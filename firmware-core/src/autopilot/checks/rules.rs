@@ -1,22 +1,22 @@
 //! The parameters of each autopilot that are read, and what a mission needs of them.
 
 use super::finding::Finding;
-use crate::autopilot::{guidance::Limits, profile::Firmware};
 use crate::scalar::Scalar;
+use crate::{autopilot::profile::Firmware, limits::MotionLimits};
 
 /// The effect of a parameter.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Effect {
-    /// Limits the horizontal speed; the parameter's unit times this is one m/s.
+    /// MotionLimits the horizontal speed; the parameter's unit times this is one m/s.
     Speed(f32),
-    /// Limits the horizontal acceleration; the parameter's unit times this is one m/s^2.
+    /// MotionLimits the horizontal acceleration; the parameter's unit times this is one m/s^2.
     Acceleration(f32),
-    /// Limits the change of the horizontal acceleration; the parameter's unit times this is one
+    /// MotionLimits the change of the horizontal acceleration; the parameter's unit times this is one
     /// m/s^3.
     Jerk(f32),
-    /// Limits the lean angle; the parameter's unit times this is one degree.
+    /// MotionLimits the lean angle; the parameter's unit times this is one degree.
     Lean(f32),
-    /// Limits the lean angle of the position controller alone, degrees; 0 where it has no limit of
+    /// MotionLimits the lean angle of the position controller alone, degrees; 0 where it has no limit of
     /// its own.
     OwnLean,
     /// No effect by itself: the value is kept for the checks before take-off and for display.
@@ -204,7 +204,7 @@ impl Effect {
         })
     }
 
-    pub(super) fn clip<T: Scalar>(self, value: f32, limits: &mut Limits<T>) {
+    pub(super) fn clip<T: Scalar>(self, value: f32, limits: &mut MotionLimits<T>) {
         let within = |unit: f32| T::of(f64::from(value / unit) * MARGIN);
         match self {
             _ if value.is_nan() || value <= 0.0 => {}

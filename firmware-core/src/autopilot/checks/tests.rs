@@ -5,8 +5,11 @@ use std::string::ToString;
 use mavlink::dialects::common::{MavMessage, MavParamType, PARAM_VALUE_DATA};
 
 use super::{manager::*, rules::*, *};
-use crate::autopilot::{guidance::Limits, profile::Firmware, wire::Address};
 use crate::time::{Duration, Instant};
+use crate::{
+    autopilot::{profile::Firmware, wire::Address},
+    limits::MotionLimits,
+};
 
 const NEEDS: Needs = Needs { speed_mps: 30.0 };
 const TO: Address = Address {
@@ -22,7 +25,7 @@ fn a_clipping_parameter_is_named_with_what_it_should_be() {
         "WPNAV_SPEED is 1000: it clips speed; set it to 3500"
     );
     assert_eq!(PX4[0].effect.judge("MPC_XY_VEL_MAX", 35.0, &NEEDS), None);
-    let mut limits = Limits::<f64>::ideal();
+    let mut limits = MotionLimits::<f64>::ideal();
     ARDUCOPTER[0].effect.clip(1000.0, &mut limits);
     assert_eq!(limits.speed_mps, 9.5);
 }
@@ -55,7 +58,7 @@ fn what_is_needed_does_not_clip() {
     for (firmware, limiting_rules) in [(Firmware::ArduCopter, 9), (Firmware::Px4, 4)] {
         for speed_mps in [3.0, 12.0, 30.0, 55.5] {
             let needs = Needs { speed_mps };
-            let mut limits = Limits::<f64>::ideal();
+            let mut limits = MotionLimits::<f64>::ideal();
             let mut names = std::vec::Vec::new();
             for rule in rules(firmware) {
                 if let Some((needed, _)) = rule.effect.needed(&needs) {
@@ -82,9 +85,9 @@ fn play(
     may_set: bool,
     restoring: bool,
     lost: impl Fn(u32) -> bool,
-) -> (Limits<f64>, std::vec::Vec<std::string::String>) {
+) -> (MotionLimits<f64>, std::vec::Vec<std::string::String>) {
     let firmware = Firmware::ArduCopter;
-    let (mut limits, mut said) = (Limits::<f64>::ideal(), std::vec::Vec::new());
+    let (mut limits, mut said) = (MotionLimits::<f64>::ideal(), std::vec::Vec::new());
     let mut now = Instant::ZERO + Duration::from_secs(100);
     for round in 0..2_000 {
         now += Duration::from_millis(100);
@@ -185,7 +188,7 @@ fn a_renamed_parameter_is_asked_for_only_where_the_old_one_is_missing() {
         let mut manager = ParameterManager::default();
         let mut asked = std::vec::Vec::new();
         let mut now = Instant::ZERO;
-        let mut limits = Limits::<f64>::ideal();
+        let mut limits = MotionLimits::<f64>::ideal();
         while !manager.is_done(Firmware::ArduCopter) {
             let to = (TO, Firmware::ArduCopter);
             let request = manager.request(now, to, &NEEDS, &mut limits, |_| {});

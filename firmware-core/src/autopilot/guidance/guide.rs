@@ -2,8 +2,9 @@
 
 use nalgebra::Vector2;
 
-use super::motion::{Limits, Motion};
+use super::motion::Motion;
 use super::trajectory::{Trajectory, shorten};
+use crate::limits::MotionLimits;
 use crate::scalar::{Position, Scalar};
 use crate::time::{Duration, Instant};
 
@@ -11,7 +12,7 @@ use crate::time::{Duration, Instant};
 /// after a trajectory that was not continued.
 #[derive(Clone, Copy, Debug)]
 pub struct Guide<T: Scalar> {
-    limits: Limits<T>,
+    limits: MotionLimits<T>,
     current: Trajectory<T>,
     /// The start of the present coast, if there is one.
     coasting: Option<Instant>,
@@ -24,7 +25,7 @@ pub struct Guide<T: Scalar> {
 
 impl<T: Scalar> Guide<T> {
     /// Creates a reference that rests at a place.
-    pub fn new(now: Instant, place: Position<T>, limits: Limits<T>, grace: Duration) -> Self {
+    pub fn new(now: Instant, place: Position<T>, limits: MotionLimits<T>, grace: Duration) -> Self {
         Self {
             limits,
             current: Trajectory::rest(now, place),
@@ -35,12 +36,12 @@ impl<T: Scalar> Guide<T> {
     }
 
     /// Replaces the limits. The next trajectory is the first that keeps the new ones.
-    pub(in crate::autopilot) fn set_limits(&mut self, limits: Limits<T>) {
+    pub(in crate::autopilot) fn set_limits(&mut self, limits: MotionLimits<T>) {
         self.limits = limits;
     }
 
     /// Returns the limits of the vehicle.
-    pub fn limits(&self) -> &Limits<T> {
+    pub fn limits(&self) -> &MotionLimits<T> {
         &self.limits
     }
 
@@ -122,7 +123,7 @@ impl<T: Scalar> Guide<T> {
 
     /// Starts a transit from the present reference.
     pub fn transit(&mut self, now: Instant, place: Position<T>, speed_mps: T) {
-        let limits = Limits {
+        let limits = MotionLimits {
             speed_mps: self.limits.speed_mps.min(speed_mps),
             ..self.limits
         };

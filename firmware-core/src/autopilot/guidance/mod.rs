@@ -8,7 +8,7 @@
 //! [`Guide`] connects trajectories:
 //!
 //! * a **leg** reaches its waypoint at the slot's end, passing through it with the mean velocity of
-//!   the leg. Where [`Limits`] do not allow that (from rest, round a sharp corner, to a place
+//!   the leg. Where [`MotionLimits`] do not allow that (from rest, round a sharp corner, to a place
 //!   behind the vehicle) the acceleration changes, linearly over the leg, to the one that follows
 //!   the waypoints best: their own velocity, plus a correction no faster than can be braked.
 //! * a **transit** goes from rest to rest, in the least time that the limits allow.
@@ -24,7 +24,7 @@ mod motion;
 mod trajectory;
 
 pub use guide::Guide;
-pub use motion::{Limits, Motion};
+pub use motion::Motion;
 pub use trajectory::Trajectory;
 
 #[cfg(test)]

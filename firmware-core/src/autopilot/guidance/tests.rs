@@ -8,7 +8,7 @@ use super::*;
 use crate::scalar::Position;
 use crate::time::{Duration, Instant};
 
-const LIMITS: Limits<f64> = Limits {
+const LIMITS: MotionLimits<f64> = MotionLimits {
     speed_mps: 32.0,
     acceleration_mps2: 9.0,
     jerk_mps3: 40.0,
@@ -29,7 +29,7 @@ fn an_ideal_leg_ends_exactly_at_its_waypoint() {
         from,
         waypoint,
         Vector2::zeros(),
-        &Limits::ideal(),
+        &MotionLimits::ideal(),
     );
     assert_eq!(leg.at(at(3.0)).position, waypoint);
     assert_eq!(leg.at(at(2.0)).position, from.position);

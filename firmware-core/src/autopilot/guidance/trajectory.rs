@@ -2,7 +2,8 @@
 
 use nalgebra::Vector2;
 
-use super::motion::{Limits, Motion};
+use super::motion::Motion;
+use crate::limits::MotionLimits;
 use crate::scalar::{Displacement, Position, Scalar};
 use crate::time::{Duration, Instant};
 
@@ -129,7 +130,7 @@ impl<T: Scalar> Trajectory<T> {
 
     /// Returns the largest factor by which it exceeds the limits; 1 or less where it keeps them. A
     /// limit that is already exceeded at its start is replaced by the value there.
-    pub(super) fn limit_ratio(&self, limits: &Limits<T>) -> T {
+    pub(super) fn limit_ratio(&self, limits: &MotionLimits<T>) -> T {
         let span = T::of(self.span.as_secs_f64());
         let speed = limits.speed_mps.max(self.from.velocity.norm());
         let acceleration = limits.acceleration_mps2.max(self.from.acceleration.norm());
@@ -156,7 +157,7 @@ impl<T: Scalar> Trajectory<T> {
         from: Motion<T>,
         waypoint: Position<T>,
         feedforward: Displacement<T>,
-        limits: &Limits<T>,
+        limits: &MotionLimits<T>,
     ) -> Self {
         let span = end - now;
         let t = T::of(span.as_secs_f64());
@@ -187,7 +188,7 @@ impl<T: Scalar> Trajectory<T> {
         from: Motion<T>,
         waypoint: Position<T>,
         feedforward: Displacement<T>,
-        limits: &Limits<T>,
+        limits: &MotionLimits<T>,
     ) -> Self {
         let t = T::of(span.as_secs_f64());
         let (half, third) = (T::of(0.5), T::of(1.0 / 3.0));
@@ -244,7 +245,7 @@ impl<T: Scalar> Trajectory<T> {
     }
 
     /// Returns the length of a [`transit`](Self::transit) from rest that reaches `speed_mps`, m.
-    pub fn run_up_m(speed_mps: T, limits: &Limits<T>) -> T {
+    pub fn run_up_m(speed_mps: T, limits: &MotionLimits<T>) -> T {
         let speed_mps = speed_mps.min(limits.speed_mps);
         let square = speed_mps * speed_mps;
         let by_acceleration = square / limits.acceleration_mps2 * T::of(1.6424);
@@ -254,7 +255,12 @@ impl<T: Scalar> Trajectory<T> {
 
     /// Creates a straight trajectory to `place` that ends at rest, in the least time for which a
     /// start from rest keeps the limits.
-    pub fn transit(now: Instant, from: Motion<T>, place: Position<T>, limits: &Limits<T>) -> Self {
+    pub fn transit(
+        now: Instant,
+        from: Motion<T>,
+        place: Position<T>,
+        limits: &MotionLimits<T>,
+    ) -> Self {
         let distance = (place - from.position).norm().to_f64();
         // Peaks of a rest-to-rest polynomial of degree five over unit distance and time.
         let by_speed = 1.875 * distance / limits.speed_mps.to_f64();
@@ -276,7 +282,7 @@ impl<T: Scalar> Trajectory<T> {
     /// the acceleration fades within a second, which legs of a second ensure.
     ///
     /// Worst case: 20 candidates of 13 points.
-    pub fn stop(now: Instant, from: Motion<T>, limits: &Limits<T>) -> Self {
+    pub fn stop(now: Instant, from: Motion<T>, limits: &MotionLimits<T>) -> Self {
         let speed = from.velocity.norm().to_f64();
         let acceleration = from.acceleration.norm().to_f64();
         let seconds = (1.5 * speed / limits.acceleration_mps2.to_f64())

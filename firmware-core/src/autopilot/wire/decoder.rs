@@ -1,7 +1,6 @@
 //! Bytes to frames.
 
 use mavlink::calculate_crc;
-use serde::{Deserialize, Serialize};
 
 use super::frame::Frame;
 use super::layout::{
@@ -9,41 +8,7 @@ use super::layout::{
 };
 use super::sequence_tracker::SequenceTracker;
 use super::signing::{Verdict, Verifier};
-use crate::counter::count;
-
-/// Counters of what a decoder has received. Each counter stays at its largest value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Counters {
-    /// Frames with a correct checksum.
-    pub frames: u32,
-    /// Candidates with a wrong checksum.
-    pub bad_checksum: u32,
-    /// Frames of a message that is not in the dialect; their checksum cannot be verified.
-    pub unknown_message: u32,
-    /// Frames with an unknown incompatibility flag.
-    pub unknown_flags: u32,
-    /// Bytes that belonged to no frame.
-    pub skipped_bytes: u32,
-    /// Good frames that were dropped because they came twice or after a later one of the same
-    /// sender ([`Decoder::in_order`]).
-    pub out_of_order: u32,
-    /// Good frames without a signature where one is required.
-    pub unsigned: u32,
-    /// Good frames with a wrong signature.
-    pub bad_signature: u32,
-    /// Frames with a valid signature that are too old, such as replayed ones.
-    pub replayed: u32,
-}
-
-impl Counters {
-    /// Returns the number of good frames that were refused because of their signature, or because
-    /// they had none.
-    pub fn refused(&self) -> u32 {
-        [self.unsigned, self.bad_signature, self.replayed]
-            .into_iter()
-            .fold(0, u32::saturating_add)
-    }
-}
+use crate::counter::{MavlinkCounters, count};
 
 /// Finds frames in a stream of bytes.
 #[derive(Clone, Debug)]
@@ -54,7 +19,7 @@ pub struct Decoder {
     /// The number of bytes at the front that were yielded or refused and are removed by the next
     /// call.
     spent: usize,
-    pub(super) counters: Counters,
+    pub(super) counters: MavlinkCounters,
     sequences: Option<SequenceTracker>,
     verifier: Option<Verifier>,
 }
@@ -82,7 +47,7 @@ impl Decoder {
             buffer: [0; MAX_FRAME],
             length: 0,
             spent: 0,
-            counters: Counters {
+            counters: MavlinkCounters {
                 frames: 0,
                 bad_checksum: 0,
                 unknown_message: 0,
@@ -117,7 +82,7 @@ impl Decoder {
     }
 
     /// Returns the counters of what was received so far.
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> MavlinkCounters {
         self.counters
     }
 

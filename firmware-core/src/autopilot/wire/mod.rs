@@ -2,7 +2,7 @@
 //!
 //! [`Decoder`] takes bytes in pieces of any size and returns complete frames with a correct
 //! checksum. Everything else that arrives (noise, incomplete frames, MAVLink 1, unknown dialects)
-//! is skipped and counted in [`Counters`]; it never ends the stream. On a datagram link the caller
+//! is skipped and counted in [`MavlinkCounters`](crate::counter::MavlinkCounters); it never ends the stream. On a datagram link the caller
 //! marks the end of each datagram with [`Decoder::end_of_datagram`], so that a truncated datagram
 //! does not hold back the frames after it. [`Encoder`] is the counterpart.
 //!
@@ -19,7 +19,7 @@ mod layout;
 mod sequence_tracker;
 pub mod signing;
 
-pub use decoder::{Counters, Decoder};
+pub use decoder::Decoder;
 pub use encoder::{Encoder, FrameBuffer};
 pub use frame::{Address, Frame, status_text};
 pub use layout::{MAX_FRAME, ekf_status_report};

@@ -186,11 +186,11 @@ fn a_signature_has_the_bytes_of_the_standard() {
     assert_eq!(tail[7..], [139, 119, 113, 148, 14, 54]);
 }
 
-/// Counters stay at their largest value, as those of the ground link do: 0 always means none.
+/// MavlinkCounters stay at their largest value, as those of the ground link do: 0 always means none.
 #[test]
 fn counters_do_not_wrap() {
     let mut decoder = Decoder::in_order();
-    let largest = Counters {
+    let largest = MavlinkCounters {
         frames: u32::MAX,
         bad_checksum: u32::MAX,
         unknown_message: u32::MAX,
@@ -214,7 +214,7 @@ fn counters_do_not_wrap() {
         decode(&mut decoder, bytes);
         while decoder.end_of_datagram().is_some() {}
     }
-    let expected = Counters {
+    let expected = MavlinkCounters {
         skipped_bytes: u32::MAX,
         ..largest
     };

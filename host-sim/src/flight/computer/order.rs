@@ -1,7 +1,8 @@
 //! The order of a mission for a board.
 
 use firmware_core::{
-    autopilot::{Geofence, guidance::Limits},
+    MotionLimits,
+    autopilot::Geofence,
     console::{Clock, MissionOrder, PolicyKind, in_single_precision},
 };
 use scenario::Scenario;
@@ -16,7 +17,7 @@ pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> 
     MissionOrder {
         mission: in_single_precision(scenario.mission.parameters()),
         map_origin: scenario.map_origin(),
-        limits: Limits {
+        limits: MotionLimits {
             speed_mps: number(flight.limits.speed_mps),
             acceleration_mps2: number(flight.limits.acceleration_mps2),
             jerk_mps3: number(flight.limits.jerk_mps3),
