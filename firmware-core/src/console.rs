@@ -33,14 +33,15 @@ use crate::{
     controller::Controller,
     link::{self, Decoder, FrameError, FrameTooLong},
     mission::{MissionChange, MissionError, MissionParameters},
-    onboard::{self, Onboard, Stage},
-    policy::{Action, Observation, Policy, PolicyMismatch, StraightLine, mlp::Mlp},
+    onboard::{Onboard, OnboardSettings, Stage},
+    planner::{Capacity, Memory, Planner, PlannerError},
+    policy::{Action, Observation, PlanQuality, Policy, PolicyMismatch, StraightLine, mlp::Mlp},
     scalar::{Position, Scalar},
     time::{Duration, Instant},
 };
 
 /// The version of the console's messages. Any change of a message needs a new version.
-pub const CONSOLE_VERSION: u8 = 129;
+pub const CONSOLE_VERSION: u8 = 130;
 
 /// The length of the longest frame: an order with the largest number of users and sensors.
 pub const CONSOLE_FRAME_MAX: usize = 832;
@@ -51,8 +52,49 @@ pub const TEXT_MAX: usize = 120;
 /// A mission in the board's precision.
 pub type BoardMission = Mission<f32, USERS_MAX, SENSORS_MAX>;
 
-/// The onboard computer of a board with its policy in flash.
-pub type BoardComputer<B> = Onboard<f32, BoardPolicy<B>, USERS_MAX, SENSORS_MAX>;
+/// The onboard computer of a board with its policy in flash, `B`, and its planner, `P`.
+pub type BoardComputer<B, P> = Onboard<f32, BoardPolicy<B, P>, USERS_MAX, SENSORS_MAX>;
+
+/// The planner of a board, with the memory `S`.
+pub type BoardPlanner<S> = Planner<f32, S, USERS_MAX, SENSORS_MAX>;
+
+/// The capacity of a board's planner: missions of up to 150 slots, and any number of users.
+pub const PLANNER_CAPACITY: Capacity = Capacity {
+    slots: 150,
+    users: USERS_MAX,
+    ..Capacity::new(24, USERS_MAX)
+};
+
+/// The numbers that a board's planner needs as its memory.
+pub type PlannerNumbers = [f32; PLANNER_CAPACITY.values()];
+
+/// The bytes that a board's planner needs beside [`PlannerNumbers`].
+pub type PlannerBytes = [u8; PLANNER_CAPACITY.indices()];
+
+/// The operations that a board's planner may spend in one [`poll`](Onboard::poll): less than 2 x
+/// 10^6 instructions of a Cortex-M7 together with the last step, which may exceed it.
+pub const PLANNER_OPERATIONS_PER_POLL: u64 = 100_000;
+
+/// The operations that a board's planner spends on the first plan, before take-off.
+const FIRST_PLAN_OPERATIONS: u64 = 120_000_000;
+
+/// The operations that a board's planner spends on a new plan after a change.
+const REPLAN_OPERATIONS: u64 = 25_000_000;
+
+/// Creates the planner of a board, in `place`. It has the straight line as its plan, and improves it
+/// in the [polls](Onboard::poll) before take-off.
+///
+/// # Errors
+/// Returns an error if the mission exceeds [`PLANNER_CAPACITY`], or if the memory is too small.
+pub fn board_planner<'p, S: Memory<f32>>(
+    place: &'p mut Option<BoardPlanner<S>>,
+    mission: &BoardMission,
+    memory: S,
+) -> Result<&'p mut BoardPlanner<S>, PlannerError> {
+    let planner = Planner::new_in(place, mission, PLANNER_CAPACITY, memory)?;
+    planner.set_operations_in_flight(FIRST_PLAN_OPERATIONS, REPLAN_OPERATIONS);
+    Ok(planner)
+}
 
 /// The policy that a board uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -61,6 +103,8 @@ pub enum PolicyKind {
     Trained,
     /// Straight to the destination, serving the nearest user.
     StraightLine,
+    /// The plan that the board makes before take-off, and revises after changes.
+    Plan,
 }
 
 /// The clock that a board uses.
@@ -237,27 +281,48 @@ pub fn words(what: &impl core::fmt::Display) -> String<TEXT_MAX> {
 /// The policies of a board.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)] // no allocator
-pub enum BoardPolicy<B> {
+pub enum BoardPolicy<B, P> {
     /// A trained policy in flash.
     Trained(Mlp<B>),
     /// The rule-based policy.
     StraightLine(StraightLine<f32, USERS_MAX>),
+    /// The planner, or a reference to it: see [`board_planner`].
+    Plan(P),
 }
 
-impl<B: AsRef<[u8]>> Policy<f32, USERS_MAX> for BoardPolicy<B> {
-    fn decide(&mut self, observation: &Observation<'_, f32>) -> Action<f32, USERS_MAX> {
+impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> BoardPolicy<B, P> {
+    fn chosen(&self) -> &dyn Policy<f32, USERS_MAX> {
         match self {
-            Self::Trained(policy) => policy.decide(observation),
-            Self::StraightLine(policy) => policy.decide(observation),
+            Self::Trained(policy) => policy,
+            Self::StraightLine(policy) => policy,
+            Self::Plan(planner) => planner,
         }
     }
 
-    /// A trained policy cannot use a change.
-    fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
+    fn chosen_mut(&mut self) -> &mut dyn Policy<f32, USERS_MAX> {
         match self {
-            Self::Trained(policy) => Policy::<f32, USERS_MAX>::revise(policy, change, slots_begun),
-            Self::StraightLine(policy) => policy.revise(change, slots_begun),
+            Self::Trained(policy) => policy,
+            Self::StraightLine(policy) => policy,
+            Self::Plan(planner) => planner,
         }
+    }
+}
+
+impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> Policy<f32, USERS_MAX> for BoardPolicy<B, P> {
+    fn decide(&mut self, observation: &Observation<'_, f32>) -> Action<f32, USERS_MAX> {
+        self.chosen_mut().decide(observation)
+    }
+
+    fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
+        self.chosen_mut().revise(change, slots_begun);
+    }
+
+    fn improve(&mut self, operations: u64) {
+        self.chosen_mut().improve(operations);
+    }
+
+    fn quality(&self) -> Option<PlanQuality> {
+        self.chosen().quality()
     }
 }
 
@@ -270,6 +335,12 @@ pub enum OrderError {
     /// The trained policy is for another mission.
     #[error(transparent)]
     Policy(#[from] PolicyMismatch),
+    /// The board's planner cannot plan the mission.
+    #[error("planner: {0}")]
+    Planner(#[from] PlannerError),
+    /// The board has no planner.
+    #[error("the board has no planner")]
+    NoPlanner,
     /// The board has no trained policy.
     #[error("the board has no trained policy")]
     NoPolicy,
@@ -309,27 +380,10 @@ impl MissionOrder {
         Err(OrderError::SlotTooLong { slot_s, most_s })
     }
 
-    /// Creates the onboard computer that flies this order; `trained` is the policy of the board, if
-    /// it has one.
-    ///
-    /// # Errors
-    /// Returns an error if the mission is invalid, if the policy is for another mission, or if the
-    /// autopilot settings are invalid.
-    pub fn build<B: AsRef<[u8]> + Clone>(
-        &self,
-        trained: Option<&Mlp<B>>,
-    ) -> Result<BoardComputer<B>, OrderError> {
-        let mission = BoardMission::new(self.mission.clone())?;
-        let policy = match self.policy_kind {
-            PolicyKind::Trained => {
-                let trained = trained.ok_or(OrderError::NoPolicy)?;
-                trained.provenance().check(&mission)?;
-                BoardPolicy::Trained(trained.clone())
-            }
-            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
-        };
+    /// Returns the settings of the autopilot client.
+    fn flight(&self) -> AutopilotSettings<f32> {
         let p = &self.mission;
-        let flight = AutopilotSettings {
+        AutopilotSettings {
             limits: self.limits,
             geofence: self.geofence,
             watch: Watch {
@@ -338,14 +392,48 @@ impl MissionOrder {
             },
             preflight: Preflight::of(p),
             ..AutopilotSettings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
+        }
+    }
+
+    /// Checks mission and autopilot settings, all that may be refused beside the policy, and returns
+    /// the mission, for which a [`board_planner`] can then be created.
+    ///
+    /// # Errors
+    /// Returns an error if the mission or the autopilot settings are invalid.
+    pub fn check(&self) -> Result<BoardMission, OrderError> {
+        self.flight().check()?;
+        Ok(BoardMission::new(self.mission.clone())?)
+    }
+
+    /// Creates the onboard computer that flies this order. `trained` is the policy of the board, if
+    /// it has one, and `planner` its planner for the mission, which is used where the order asks for
+    /// [`PolicyKind::Plan`].
+    ///
+    /// # Errors
+    /// Returns an error if the mission is invalid, if there is no such policy, if the policy is for
+    /// another mission, or if the autopilot settings are invalid.
+    pub fn build<B: AsRef<[u8]> + Clone, P: Policy<f32, USERS_MAX>>(
+        &self,
+        trained: Option<&Mlp<B>>,
+        planner: Option<P>,
+    ) -> Result<BoardComputer<B, P>, OrderError> {
+        let mission = BoardMission::new(self.mission.clone())?;
+        let policy = match self.policy_kind {
+            PolicyKind::Trained => {
+                let trained = trained.ok_or(OrderError::NoPolicy)?;
+                trained.provenance().check(&mission)?;
+                BoardPolicy::Trained(trained.clone())
+            }
+            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
+            PolicyKind::Plan => BoardPolicy::Plan(planner.ok_or(OrderError::NoPlanner)?),
         };
-        let autopilot = Autopilot::new(flight)?;
+        let autopilot = Autopilot::new(self.flight())?;
         let controller = Controller::new(mission, policy);
-        Ok(Onboard::new(
-            onboard::OnboardSettings::default(),
-            controller,
-            autopilot,
-        ))
+        let settings = OnboardSettings {
+            planning_operations: PLANNER_OPERATIONS_PER_POLL,
+            ..OnboardSettings::default()
+        };
+        Ok(Onboard::new(settings, controller, autopilot))
     }
 }
 
@@ -468,6 +556,6 @@ mod tests {
         });
         let mut buffer = [0; 32];
         let frame = encode_call(&tick, &mut buffer).expect("fits");
-        assert_eq!(frame[..8], [0, 11, 129, 1, 172, 2, 1, 2]);
+        assert_eq!(frame[..8], [0, 11, 130, 1, 172, 2, 1, 2]);
     }
 }

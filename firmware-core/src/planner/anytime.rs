@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::{
+    PlannerError,
     memory::{Capacity, Memory, Parts},
     route::Route,
     search::Search,
@@ -15,31 +16,6 @@ use crate::{
     scalar::{Displacement, Position, Scalar},
     shield::reduce_to,
 };
-
-/// Error returned when a planner cannot be created for a mission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PlannerError {
-    /// The mission exceeds the capacity.
-    #[error("the mission has {got} {what}, but the planner holds at most {capacity}")]
-    TooLarge {
-        /// `slots` or `users`.
-        what: &'static str,
-        /// How many the mission has.
-        got: usize,
-        /// The capacity of the planner.
-        capacity: usize,
-    },
-    /// The memory is smaller than the capacity needs.
-    #[error("the planner needs {needed} {what} of memory, but was given {got}")]
-    TooLittleMemory {
-        /// `numbers` or `bytes`.
-        what: &'static str,
-        /// How many the capacity needs.
-        needed: usize,
-        /// How many there are.
-        got: usize,
-    },
-}
 
 /// The result of a call of [`Planner::advance`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,8 +57,10 @@ pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
     reach_m: T,
     /// Operations that [`Policy::decide`] may spend.
     operations_per_slot: u64,
-    /// A change was made, and the search that it started has not ended.
-    is_replanning: bool,
+    /// Operations that [`Policy::improve`] may spend after a change.
+    operations_per_change: u64,
+    /// Operations that [`Policy::improve`] may still spend; 0 where nothing is to be planned.
+    operations_left: u64,
 }
 
 impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J> {
@@ -97,23 +75,37 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         capacity: Capacity,
         memory: S,
     ) -> Result<Self, PlannerError> {
-        let mut capacity = capacity;
+        let mut planner = Self::without_plan(mission, capacity, memory)?;
+        planner.begin(&[], mission.parameters().start, false);
+        Ok(planner)
+    }
+
+    /// As [`new`](Self::new), for a planner that stays in `place`: less of the stack is used.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); `place` is then unchanged.
+    pub fn new_in<'p>(
+        place: &'p mut Option<Self>,
+        mission: &Mission<T, M, J>,
+        capacity: Capacity,
+        memory: S,
+    ) -> Result<&'p mut Self, PlannerError> {
+        let planner = place.insert(Self::without_plan(mission, capacity, memory)?);
+        planner.begin(&[], mission.parameters().start, false);
+        Ok(planner)
+    }
+
+    /// Creates a planner whose memory holds no plan yet.
+    #[inline(always)]
+    fn without_plan(
+        mission: &Mission<T, M, J>,
+        mut capacity: Capacity,
+        mut memory: S,
+    ) -> Result<Self, PlannerError> {
         capacity.nodes = capacity.nodes.max(4);
         capacity.stages = capacity.stages.max(1);
-        let start = mission.parameters().start;
-        let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
-        let route = Route::new(mission, start, slots, reach_m);
-        let mut planner = Self {
-            search: Search::new(mission, capacity, PlannerSettings::default(), route),
-            memory,
-            slot: 1,
-            counts: Vec::new(),
-            reach_m,
-            operations_per_slot: 0,
-            is_replanning: false,
-        };
-        planner.check(mission)?;
-        let (values, bytes) = planner.memory.parts();
+        capacity.check(mission)?;
+        let (values, bytes) = memory.parts();
         for (what, needed, got) in [
             ("numbers", capacity.values(), values.len()),
             ("bytes", capacity.indices(), bytes.len()),
@@ -122,8 +114,19 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
                 return Err(PlannerError::TooLittleMemory { what, needed, got });
             }
         }
-        planner.begin(&[], start, false);
-        Ok(planner)
+        let start = mission.parameters().start;
+        let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
+        let route = Route::new(mission, start, slots, reach_m);
+        Ok(Self {
+            search: Search::new(mission, capacity, PlannerSettings::default(), route),
+            memory,
+            slot: 1,
+            counts: Vec::new(),
+            reach_m,
+            operations_per_slot: 0,
+            operations_per_change: u64::MAX,
+            operations_left: 0,
+        })
     }
 
     /// Sets the planner's settings.
@@ -138,22 +141,12 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         self
     }
 
-    fn check(&self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
-        let capacity = &self.search.capacity;
-        for (what, got, capacity) in [
-            ("slots", mission.slots() as usize, capacity.slots),
-            // Users are stored as bytes.
-            ("users", mission.user_count(), capacity.users.min(256)),
-        ] {
-            if got > capacity {
-                return Err(PlannerError::TooLarge {
-                    what,
-                    got,
-                    capacity,
-                });
-            }
-        }
-        Ok(())
+    /// Sets how many operations [`Policy::improve`] may spend in all: on the first plan, and on each
+    /// plan after a change. Without this call it spends none on the first plan, which is then left
+    /// to [`advance`](Self::advance), and any number after a change.
+    pub fn set_operations_in_flight(&mut self, first_plan: u64, per_change: u64) {
+        self.operations_left = first_plan;
+        self.operations_per_change = per_change;
     }
 
     /// Returns the mission that is planned.
@@ -194,7 +187,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
     /// # Errors
     /// Returns an error if the mission exceeds the capacity; the old mission is kept.
     pub fn change_mission(&mut self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
-        self.check(mission)?;
+        self.search.capacity.check(mission)?;
         let kept = mission.slots() == self.search.mission.slots();
         self.search.replace_mission(mission);
         self.reach_m = self.reach_m.min(mission.reach_m());
@@ -362,15 +355,20 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
     fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
         let mut mission = self.mission().clone();
         if mission.change(change, slots_begun).is_ok() {
-            self.is_replanning |= self.change_mission(&mission).is_ok();
+            if self.change_mission(&mission).is_ok() {
+                self.operations_left = self.operations_left.max(self.operations_per_change);
+            }
         }
     }
 
-    /// Goes on with the search that a change has started.
+    /// Goes on with the search for the first plan, or with the one that a change has started.
     fn improve(&mut self, operations: u64) {
-        if self.is_replanning {
-            self.is_replanning = !self.advance(operations).finished;
-        }
+        let progress = self.advance(operations.min(self.operations_left));
+        self.operations_left = if progress.finished {
+            0
+        } else {
+            self.operations_left.saturating_sub(progress.operations)
+        };
     }
 
     fn quality(&self) -> Option<PlanQuality> {
@@ -378,7 +376,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
         Some(PlanQuality {
             value: number(self.value()),
             upper_estimate: self.upper_estimate().map_or(0.0, number),
-            is_replanning: self.is_replanning,
+            is_replanning: self.operations_left > 0,
         })
     }
 }
