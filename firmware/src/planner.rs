@@ -17,6 +17,8 @@ pub struct PlannerMemory {
     planner: &'static mut Option<StaticPlanner>,
 }
 
+const _: () = assert!(PlannerMemory::BYTES <= 256 * 1024);
+
 impl PlannerMemory {
     /// The size of the memory, bytes.
     pub const BYTES: usize =

@@ -361,13 +361,19 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
         }
     }
 
-    /// Goes on with the search for the first plan, or with the one that a change has started.
+    /// Goes on with the search for the first plan, or with the one that a change has started. After
+    /// a decision, the value of the rest of the plan is computed in any case.
     fn improve(&mut self, operations: u64) {
-        let progress = self.advance(operations.min(self.operations_left));
+        let mut spent = 0;
+        while spent < operations && self.search.best_total.is_none() && !self.search.is_done() {
+            spent += self.advance(1).operations;
+        }
+        let rest = operations.min(self.operations_left).saturating_sub(spent);
+        let progress = self.advance(rest);
         self.operations_left = if progress.finished {
             0
         } else {
-            self.operations_left.saturating_sub(progress.operations)
+            self.operations_left.saturating_sub(spent + progress.operations)
         };
     }
 
