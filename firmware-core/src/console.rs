@@ -34,7 +34,7 @@ use crate::{
     link::{self, Decoder, FrameError, FrameTooLong},
     mission::{MissionChange, MissionError, MissionParameters},
     onboard::{Onboard, OnboardSettings, Stage},
-    planner::{Capacity, Memory, Planner, PlannerError},
+    planner::{Capacity, Memory, OperationsInFlight, Planner, PlannerError},
     policy::{Action, Observation, PlanQuality, Policy, PolicyMismatch, StraightLine, mlp::Mlp},
     scalar::{Position, Scalar},
     time::{Duration, Instant},
@@ -75,11 +75,13 @@ pub type PlannerBytes = [u8; PLANNER_CAPACITY.indices()];
 /// 10^6 instructions of a Cortex-M7 together with the last step, which may exceed it.
 pub const PLANNER_OPERATIONS_PER_POLL: u64 = 100_000;
 
-/// The operations that a board's planner spends on the first plan, before take-off.
-const FIRST_PLAN_OPERATIONS: u64 = 120_000_000;
-
-/// The operations that a board's planner spends on a new plan after a change.
-const REPLAN_OPERATIONS: u64 = 25_000_000;
+/// The operations that a board's planner spends in all: on the first plan before take-off, on a new
+/// plan after a change, and in each slot on correcting the plan for the vehicle's position.
+const PLANNER_OPERATIONS: OperationsInFlight = OperationsInFlight {
+    first_plan: 120_000_000,
+    per_change: 25_000_000,
+    per_correction: 10_000_000,
+};
 
 /// Creates the planner of a board, in `place`. It has the straight line as its plan, and improves it
 /// in the [polls](Onboard::poll) before take-off.
@@ -92,7 +94,7 @@ pub fn board_planner<'p, S: Memory<f32>>(
     memory: S,
 ) -> Result<&'p mut BoardPlanner<S>, PlannerError> {
     let planner = Planner::new_in(place, mission, PLANNER_CAPACITY, memory)?;
-    planner.set_operations_in_flight(FIRST_PLAN_OPERATIONS, REPLAN_OPERATIONS);
+    planner.set_operations_in_flight(&PLANNER_OPERATIONS);
     Ok(planner)
 }
 

@@ -5,7 +5,7 @@ use firmware_core::{
     Mission, Position, Scalar, Watt,
     inner::{SlotLimits, Workspace},
     mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters},
-    planner::{Capacity, Planner, PlannerError, PlannerState},
+    planner::{Capacity, OperationsInFlight, Planner, PlannerError, PlannerState},
     policy::{Action, Observation, Policy},
 };
 use proptest::prelude::*;
@@ -399,7 +399,11 @@ fn polls_spend_what_is_allowed_and_no_more() {
     assert!(!whole.advance(PER_CHANGE).finished);
     for per_poll in [1, 1_000, 77_777, u64::MAX] {
         let mut polled = planner(&mission);
-        polled.set_operations_in_flight(FIRST, PER_CHANGE);
+        polled.set_operations_in_flight(&OperationsInFlight {
+            first_plan: FIRST,
+            per_change: PER_CHANGE,
+            per_correction: 0,
+        });
         while is_planning(&polled) {
             polled.improve(per_poll);
         }

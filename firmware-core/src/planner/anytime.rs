@@ -26,6 +26,18 @@ pub struct Progress {
     pub finished: bool,
 }
 
+/// The operations that a planner may spend between decisions, in [`Policy::improve`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OperationsInFlight {
+    /// On the first plan.
+    pub first_plan: u64,
+    /// On the plan after a change.
+    pub per_change: u64,
+    /// On the plan after each decision, which was corrected for the vehicle's position: the next
+    /// decision profits.
+    pub per_correction: u64,
+}
+
 /// The state of a mission from which the rest is planned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannerState<'a, T: Scalar> {
@@ -59,8 +71,13 @@ pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
     operations_per_slot: u64,
     /// Operations that [`Policy::improve`] may spend after a change.
     operations_per_change: u64,
-    /// Operations that [`Policy::improve`] may still spend; 0 where nothing is to be planned.
+    /// Operations that [`Policy::improve`] may spend after a decision.
+    operations_per_correction: u64,
+    /// Operations that [`Policy::improve`] may still spend on a plan; 0 where nothing is to be
+    /// planned.
     operations_left: u64,
+    /// The same on correcting the plan for where the vehicle was at the last decision.
+    correction_left: u64,
 }
 
 impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J> {
@@ -125,7 +142,9 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
             reach_m,
             operations_per_slot: 0,
             operations_per_change: u64::MAX,
+            operations_per_correction: 0,
             operations_left: 0,
+            correction_left: 0,
         })
     }
 
@@ -141,12 +160,13 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         self
     }
 
-    /// Sets how many operations [`Policy::improve`] may spend in all: on the first plan, and on each
-    /// plan after a change. Without this call it spends none on the first plan, which is then left
-    /// to [`advance`](Self::advance), and any number after a change.
-    pub fn set_operations_in_flight(&mut self, first_plan: u64, per_change: u64) {
-        self.operations_left = first_plan;
-        self.operations_per_change = per_change;
+    /// Sets how many operations [`Policy::improve`] may spend in all. Without this call it spends
+    /// none on the first plan, which is then left to [`advance`](Self::advance), any number after a
+    /// change, and none after a decision.
+    pub fn set_operations_in_flight(&mut self, operations: &OperationsInFlight) {
+        self.operations_left = operations.first_plan;
+        self.operations_per_change = operations.per_change;
+        self.operations_per_correction = operations.per_correction;
     }
 
     /// Returns the mission that is planned.
@@ -331,6 +351,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
                 counts: observation.counts,
                 reach_m: self.reach_m,
             });
+            self.correction_left = self.operations_per_correction;
         }
         self.advance(self.operations_per_slot);
         let here = observation.position;
@@ -354,27 +375,27 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
     /// to the shield.
     fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
         let mut mission = self.mission().clone();
-        if mission.change(change, slots_begun).is_ok() {
-            if self.change_mission(&mission).is_ok() {
-                self.operations_left = self.operations_left.max(self.operations_per_change);
-            }
+        if mission.change(change, slots_begun).is_ok() && self.change_mission(&mission).is_ok() {
+            self.operations_left = self.operations_left.max(self.operations_per_change);
         }
     }
 
-    /// Goes on with the search for the first plan, or with the one that a change has started. After
-    /// a decision, the value of the rest of the plan is computed in any case.
+    /// Goes on with the search for the first plan, with the one that a change has started, or with
+    /// the correction after a decision. The value of the rest of the plan is computed in any case.
     fn improve(&mut self, operations: u64) {
         let mut spent = 0;
         while spent < operations && self.search.best_total.is_none() && !self.search.is_done() {
             spent += self.advance(1).operations;
         }
-        let rest = operations.min(self.operations_left).saturating_sub(spent);
-        let progress = self.advance(rest);
-        self.operations_left = if progress.finished {
-            0
-        } else {
-            self.operations_left.saturating_sub(spent + progress.operations)
-        };
+        let limit = self.operations_left.max(self.correction_left);
+        let progress = self.advance(operations.min(limit).saturating_sub(spent));
+        for left in [&mut self.operations_left, &mut self.correction_left] {
+            *left = if progress.finished {
+                0
+            } else {
+                left.saturating_sub(spent + progress.operations)
+            };
+        }
     }
 
     fn quality(&self) -> Option<PlanQuality> {
