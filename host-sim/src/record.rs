@@ -54,6 +54,17 @@ pub struct FlightNotes {
     /// ideal vehicle and perfect links. `None` if it was not flown, as when this flight is the
     /// ideal one.
     pub ideal_sum_rate: Option<f64>,
+    /// The certified bound of the mission, if it was asked for.
+    pub certified_bound: Option<CertifiedBound>,
+}
+
+/// A certified bound on the sum of the rates of any mission, and where it is from.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CertifiedBound {
+    /// No admissible mission has a larger sum of rates, bit/s/Hz.
+    pub upper: f64,
+    /// The file that it was read from, or `None` if it was computed for this flight.
+    pub file: Option<String>,
 }
 
 /// An event, in words.
@@ -215,6 +226,12 @@ pub struct Summary {
     pub sum_rate: f64,
     /// The sum of the rates of the ideal flight, bit/s/Hz: [`FlightNotes::ideal_sum_rate`].
     pub ideal_sum_rate: Option<f64>,
+    /// The certified bound ([`FlightNotes::certified_bound`]); absent if it was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub certified_bound: Option<CertifiedBound>,
+    /// `sum_rate` as a fraction of the certified bound.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fraction_of_bound: Option<f64>,
     /// The warning about a policy that was trained for another mission.
     pub policy_warning: Option<String>,
     /// The limit of the sum of the rates at any positions: the number of slots times `log2(1 / (1 -
@@ -313,6 +330,9 @@ impl FlightRecord {
             .map(|slot| (slot.planned - slot.flown).norm())
             .collect();
         let squares = self.slots.iter().map(|slot| slot.signals.error().powi(2));
+        let sum_rate: f64 = self.slots.iter().map(|slot| slot.rate).sum();
+        let bound = self.notes.certified_bound.as_ref();
+        let bound = bound.filter(|bound| bound.upper > 0.0);
         Summary {
             scenario: self.scenario.name.clone(),
             scenario_digest: self.scenario.digest(),
@@ -322,8 +342,10 @@ impl FlightRecord {
             completed: self.completed,
             ended: self.ended.clone(),
             slots: self.slots.len(),
-            sum_rate: self.slots.iter().map(|slot| slot.rate).sum(),
+            sum_rate,
             ideal_sum_rate: self.notes.ideal_sum_rate,
+            certified_bound: self.notes.certified_bound.clone(),
+            fraction_of_bound: bound.map(|bound| sum_rate / bound.upper),
             policy_warning: self.notes.policy_warning.clone(),
             sum_rate_physical_limit: match self.changes.changes() {
                 [] => f64::from(mission.slots()) * mission.slot_rate_limit(),

@@ -1,10 +1,15 @@
 //! `host-sim run`: flies one mission and writes its report.
 
-use std::{io::Write, path::PathBuf, str::FromStr};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 use clap::Args;
 use environment::Allocation;
 use host_sim::{
+    benchmark::{BOUNDS_FILE, Bounds},
     experiment::context,
     flight::{
         self, ClientSettings, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
@@ -13,18 +18,20 @@ use host_sim::{
     interrupt::Presses,
     journal::{self, ParameterJournal},
     policy::PolicyChoice,
-    record::{FlightEvent, FlightNotes, FlightRecord, SlotRecord, Summary},
+    record::{CertifiedBound, FlightEvent, FlightNotes, FlightRecord, SlotRecord, Summary},
     report::{self, Look},
     world::SYMBOLS_PER_SLOT,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use link::{LinkAddress, key, lossy::Impairment};
+use planning::bound::BoundSettings;
 use scenario::{Events, Scenario, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
 use super::{
     Failure,
     board::{BoardChoice, OpenBoard, footprint_line},
+    bound::certify_watched,
     doctor::{OwnAddressArguments, parse_mps},
     load_policy, terminal,
 };
@@ -89,6 +96,10 @@ pub(crate) struct RunArguments {
     /// each from a slot on
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
+    /// Compare the total with the certified upper bound of the mission, as host-sim bound computes
+    /// it (up to two minutes), or from a bounds.csv beside the scenario file that has this mission
+    #[arg(long, conflicts_with = "events")]
+    bound: bool,
     /// Number of symbols that are transmitted in each slot to measure the MSE
     #[arg(long, default_value_t = SYMBOLS_PER_SLOT, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     symbols: u32,
@@ -148,6 +159,7 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
             record.notes = FlightNotes {
                 policy_warning,
                 ideal_sum_rate: ideal_sum_rate(record, arguments),
+                certified_bound: None,
             };
         }
         Err(failed) => {
@@ -157,6 +169,39 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
         }
     }
     end(flown, arguments)
+}
+
+/// Returns the certified bound of a mission if it was asked for: from the `bounds.csv` beside the
+/// scenario file, which is looked up by the digest of the mission, or else computed now.
+fn certified_bound(scenario: &Scenario, arguments: &RunArguments) -> Option<CertifiedBound> {
+    if !arguments.bound {
+        return None;
+    }
+    let folder = arguments.mission.scenario.parent()?;
+    let folder = match folder.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => folder,
+    };
+    let known = Bounds::read(folder).unwrap_or_else(|problem| {
+        eprintln!("warning: {problem}");
+        Bounds::default()
+    });
+    if let Some(record) = known.of(&scenario.digest()) {
+        return Some(CertifiedBound {
+            upper: record.upper,
+            file: Some(folder.join(BOUNDS_FILE).display().to_string()),
+        });
+    }
+    match certify_watched(scenario, &BoundSettings::default(), None) {
+        Ok(bound) => Some(CertifiedBound {
+            upper: bound.upper,
+            file: None,
+        }),
+        Err(problem) => {
+            eprintln!("warning: no certified bound: {problem}");
+            None
+        }
+    }
 }
 
 /// Flies the same policy with the ideal vehicle if the flight was with another one. The difference
@@ -281,7 +326,10 @@ fn line(event: &FlightEvent) -> String {
 /// Writes the report of a flight that was completed or failed, and returns its error.
 fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> Result<(), Failure> {
     let failed = match flown {
-        Ok(record) => return conclude(&record, arguments),
+        Ok(mut record) => {
+            record.notes.certified_bound = certified_bound(&record.scenario, arguments);
+            return conclude(&record, arguments);
+        }
         Err(failed) => failed,
     };
     if let Some(record) = &failed.record {
