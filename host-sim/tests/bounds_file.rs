@@ -30,7 +30,7 @@ fn every_mission_has_a_bound_that_no_flight_exceeds() {
         assert!((record.gap - gap).abs() < 1e-12, "{record:?}");
     }
     assert_eq!(bounds.len(), missions.len());
-    let policies = ["plan", "straight-line"].map(|name| PolicyChoice::from_str(name));
+    let policies = ["plan", "straight-line"].map(PolicyChoice::from_str);
     for mission in missions.iter().step_by(20) {
         let record = bounds.of(&mission.digest()).expect("a bound");
         for policy in &policies {
