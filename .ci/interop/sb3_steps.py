@@ -2,8 +2,8 @@
 
     sb3_steps.py [STEPS]
 
-MlpPolicy, net_arch [128, 128], batch 64, the sizes of the default mission (19 states). SB3 has no
-hybrid actions: its action is 17 continuous numbers, its critics answer with one value.
+The sizes are those of the default mission and of Table I; trainer/tests/compared_sizes.rs checks
+them. SB3 has no hybrid actions: its action is continuous, and its critics return one value.
 """
 
 import sys
@@ -15,14 +15,19 @@ import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.logger import configure
 
+USERS = 15
+STATES = USERS + 4
+ACTION = USERS + 2
+HIDDEN = 128
+BATCH = 64
 STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000
 
 
 class Fixed(gymnasium.Env):
     """Returns random states: what is measured is `train()`."""
 
-    observation_space = gymnasium.spaces.Box(-1, 1, (19,), np.float32)
-    action_space = gymnasium.spaces.Box(-1, 1, (17,), np.float32)
+    observation_space = gymnasium.spaces.Box(-1, 1, (STATES,), np.float32)
+    action_space = gymnasium.spaces.Box(-1, 1, (ACTION,), np.float32)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -34,13 +39,13 @@ class Fixed(gymnasium.Env):
 
 def main() -> None:
     torch.set_num_threads(1)
-    model = SAC("MlpPolicy", Fixed(), policy_kwargs={"net_arch": [128, 128]}, batch_size=64,
+    model = SAC("MlpPolicy", Fixed(), policy_kwargs={"net_arch": [HIDDEN, HIDDEN]}, batch_size=BATCH,
                 learning_rate=1e-4, gamma=0.90, learning_starts=1_000, train_freq=1_000, seed=1)
     model.set_logger(configure(None, []))
     model.learn(1_000)
-    model.train(gradient_steps=100, batch_size=64)
+    model.train(gradient_steps=100, batch_size=BATCH)
     start = time.perf_counter()
-    model.train(gradient_steps=STEPS, batch_size=64)
+    model.train(gradient_steps=STEPS, batch_size=BATCH)
     print(f"stable-baselines3 {STEPS / (time.perf_counter() - start):.1f}")
 
 

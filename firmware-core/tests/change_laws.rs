@@ -1,15 +1,19 @@
 //! Laws of a mission whose knowledge changes in flight: whatever changes, valid or not, every slot
 //! keeps its constraints, those who are there are treated fairly, and nothing panics.
 
+#[path = "../src/test_missions.rs"]
+mod test_missions;
+
 use firmware_core::{
     Mission, Position, PowerGain, Scalar, Watt, aircomp,
     controller::{ChannelState, Controller, DatedChange, SlotCommand},
-    mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters, rounding_m},
+    mission::{Area, MissionChange, MissionParameters, rounding_m},
     planner::{Capacity, Planner},
     policy::{Policy, StraightLine},
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use test_missions::table_one_without_nodes;
 
 const M: usize = 6;
 const J: usize = 9;
@@ -24,30 +28,17 @@ fn mission<T: Scalar>(random: &mut Pcg64Mcg) -> Mission<T, M, J> {
     let sensors = random.random_range(1..=J);
     Mission::new(MissionParameters {
         slots: random.random_range(1..30),
-        slot_duration_s: T::one(),
         start: place(random),
         destination: place(random),
         area: Area {
             east_m: T::of(600.0),
             north_m: T::of(600.0),
         },
-        altitude_m: T::of(100.0),
         max_speed_mps: T::of(random.random_range(500.0..900.0)),
-        carrier_hz: T::of(2e9),
-        environment: Environment {
-            a: T::of(9.613),
-            b: T::of(0.158),
-        },
-        excess_loss_db: ExcessLoss {
-            los: T::one(),
-            nlos: T::of(20.0),
-        },
-        noise_power: Watt::from_dbm(T::of(-95.0)),
         mse_threshold: T::of(random.random_range(0.1..0.95) / sensors as f64),
-        user_power_max: Watt(T::of(0.2)),
-        sensor_power_max: Watt(T::of(0.05)),
         users: (0..users).map(|_| place(random)).collect(),
         sensors: (0..sensors).map(|_| place(random)).collect(),
+        ..table_one_without_nodes()
     })
     .expect("a valid mission")
 }

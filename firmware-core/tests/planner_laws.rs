@@ -1,14 +1,18 @@
 //! Laws of the planner for any mission, state and budget: plans are feasible and finite, and more
 //! work never makes them worse.
 
+#[path = "../src/test_missions.rs"]
+mod test_missions;
+
 use firmware_core::{
     Mission, Position, Scalar, Watt,
     inner::{SlotLimits, Workspace},
-    mission::{Area, Environment, ExcessLoss, MissionParameters},
+    mission::{Area, MissionParameters},
     planner::{Capacity, Planner, PlannerError, PlannerState},
     policy::{Action, Observation, Policy},
 };
 use proptest::prelude::*;
+use test_missions::table_one_without_nodes;
 
 const M: usize = 8;
 const J: usize = 12;
@@ -44,7 +48,6 @@ impl Numbers {
         let sensors = self.sensors.len() as f64;
         let parameters = MissionParameters {
             slots: self.slots,
-            slot_duration_s: T::one(),
             start,
             destination,
             area: Area {
@@ -53,21 +56,11 @@ impl Numbers {
             },
             altitude_m: T::of(self.altitude_m),
             max_speed_mps: T::of(self.speed_mps.max(least_mps)),
-            carrier_hz: T::of(2e9),
-            environment: Environment {
-                a: T::of(9.613),
-                b: T::of(0.158),
-            },
-            excess_loss_db: ExcessLoss {
-                los: T::one(),
-                nlos: T::of(20.0),
-            },
             noise_power: Watt::from_dbm(T::of(self.noise_dbm)),
             mse_threshold: T::of(self.threshold / sensors),
-            user_power_max: Watt(T::of(0.2)),
-            sensor_power_max: Watt(T::of(0.05)),
             users: self.users.iter().map(|&user| place(user)).collect(),
             sensors: self.sensors.iter().map(|&sensor| place(sensor)).collect(),
+            ..table_one_without_nodes()
         };
         Mission::new(parameters).expect("a valid mission")
     }

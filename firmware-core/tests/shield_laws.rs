@@ -2,11 +2,13 @@
 //! and the projection against its definition.
 
 mod random_slots;
+#[path = "../src/test_missions.rs"]
+mod test_missions;
 
 use firmware_core::{
-    Displacement, Mission, Position, Scalar, Watt,
+    Displacement, Mission, Position, Scalar,
     controller::{ChannelState, Controller},
-    mission::{Area, Environment, ExcessLoss, MissionParameters, rounding_m},
+    mission::{Area, MissionParameters, rounding_m},
     policy::{Action, Observation, Policy},
     shield::{Agility, Intervention, ReachableSet, admissible_waypoint},
 };
@@ -14,6 +16,7 @@ use heapless::Vec;
 use rand::{Rng, RngExt};
 use rand_pcg::Pcg64Mcg;
 use random_slots::{generator, log_uniform};
+use test_missions::table_one_without_nodes;
 
 const USERS: usize = 6;
 const SENSORS: usize = 3;
@@ -72,25 +75,13 @@ fn mission<T: Scalar>(random: &mut impl Rng) -> Mission<T, USERS, SENSORS> {
         start,
         destination,
         area,
-        altitude_m: T::of(100.0),
         // Rounded up a little: the mission must be possible in this precision.
         max_speed_mps: T::of(reach_m.max(1e-3)) / slot_duration_s
             * (T::one() + T::EPSILON * T::of(4.0)),
-        carrier_hz: T::of(2e9),
-        environment: Environment {
-            a: T::of(9.613),
-            b: T::of(0.158),
-        },
-        excess_loss_db: ExcessLoss {
-            los: T::one(),
-            nlos: T::of(20.0),
-        },
-        noise_power: Watt::from_dbm(T::of(-95.0)),
         mse_threshold,
-        user_power_max: Watt(T::of(0.2)),
-        sensor_power_max: Watt(T::of(0.05)),
         users,
         sensors,
+        ..table_one_without_nodes()
     };
     Mission::new(parameters).unwrap_or_else(|error| panic!("{error}"))
 }

@@ -58,7 +58,7 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
     let Some(computer) = &mut commissioned else {
         board.halt(&"no computer after an order")
     };
-    report(board, &BoardReport::Ready);
+    report(board, &console::ready(computer));
     let mut flight = Flight::default();
     loop {
         let call = next_call(board, &mut calls);
@@ -257,7 +257,7 @@ impl Flight {
                 (None, Some(cause)) => console::words(&cause),
                 (None, None) => console::words(&client.phase()),
             };
-            report(board, &BoardReport::BrokenOff(why));
+            report(board, &BoardReport::Aborted(why));
         }
     }
 

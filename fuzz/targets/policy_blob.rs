@@ -1,10 +1,14 @@
-//! A policy file: bytes as they come, and bytes behind a preamble whose checksum is right. What
-//! loads decides something that is a number.
+//! A policy file: arbitrary bytes, and arbitrary bytes after a preamble with a valid checksum. A
+//! policy that loads returns one score per user and a displacement within its reach.
 #![no_main]
 
-use firmware_core::policy::{
-    Observation, Policy,
-    mlp::{FORMAT_VERSION, Mlp},
+use firmware_core::{
+    USERS_MAX,
+    policy::{
+        Observation, Policy,
+        mlp::{FORMAT_VERSION, Mlp},
+        output_len, state_len,
+    },
 };
 use libfuzzer_sys::fuzz_target;
 
@@ -23,11 +27,14 @@ fuzz_target!(|data: &[u8]| {
     let Ok(mut policy) = Mlp::load(file) else {
         return;
     };
-    let users = usize::from(policy.header().sizes[0]) - 4;
-    if users > 16 {
+    let users = policy.provenance().users as usize;
+    let sizes = &policy.header().sizes;
+    let ends = [state_len(users), output_len(users)];
+    assert_eq!([sizes[0], sizes[sizes.len() - 1]].map(usize::from), ends);
+    if users > USERS_MAX {
         return;
     }
-    let action = Policy::<f64, 16>::decide(
+    let action = Policy::<f64, USERS_MAX>::decide(
         &mut policy,
         &Observation {
             slot: 1,
@@ -37,8 +44,8 @@ fuzz_target!(|data: &[u8]| {
             position: [100.0, 100.0].into(),
         },
     );
-    // Finite weights can overflow in a sum; the shield takes care of that. A displacement is
-    // `tanh` times a reach and cannot.
+    // A sum of finite weights can overflow to NaN, which the shield handles. Any other displacement
+    // is `tanh` times the reach.
     assert_eq!(action.user_scores.len(), users);
     let reach_m = f64::from(policy.header().reach_m);
     for displacement in action.displacement.iter() {

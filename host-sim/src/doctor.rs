@@ -3,22 +3,24 @@
 //! The client connects and checks as it does before every flight and is never told to launch: it
 //! only requests telemetry and reads parameters.
 
-use std::fmt;
-use std::io;
-use std::sync::atomic::{AtomicBool, Ordering};
+mod lost_client;
+mod prediction;
 
-use firmware_core::USERS_MAX;
-use firmware_core::autopilot::preflight::Preflight;
-use firmware_core::autopilot::profile::Firmware;
-use firmware_core::autopilot::{Autopilot, Event, Finding, Phase, advice};
-use firmware_core::policy::Policy;
-use firmware_core::time::Duration;
+use std::{
+    fmt, io,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
-use crate::flight::{self, CONNECT_PATIENCE, FlightSettings, Pace, Peer, ProfileChoice};
-use crate::session::Session;
-use environment::Allocation;
-use scenario::{Events, Scenario};
-use vehicle::{Profile, Vehicle, VehicleSettings};
+use firmware_core::{
+    autopilot::{Autopilot, Event, Finding, Phase, advice, profile::Firmware},
+    time::Duration,
+};
+use vehicle::Profile;
+
+use crate::{flight::CONNECT_PATIENCE, session::Session};
+
+pub use lost_client::loss_of_client;
+pub use prediction::{PredictedFlight, Prediction, predict};
 
 /// The result of an examination.
 #[derive(Clone, Debug, Default)]
@@ -137,205 +139,6 @@ pub fn examine(
     Ok(diagnosis)
 }
 
-/// Returns what happens if this process ends unexpectedly in flight, according to the autopilot's parameters,
-/// with and without a ground station. `own_system` is the system id of our heartbeats.
-pub fn loss_of_client(
-    firmware: Firmware,
-    own_system: u8,
-    parameter: impl Fn(&str) -> Option<f32>,
-) -> Vec<String> {
-    match firmware {
-        Firmware::Generic => {
-            vec![
-                "if this process ends unexpectedly: the built-in vehicle stops after 3 s and \
-                  hovers"
-                    .into(),
-            ]
-        }
-        Firmware::ArduCopter => {
-            let timeout_s = parameter("GUID_TIMEOUT").unwrap_or(3.0);
-            vec![
-                format!(
-                    "if this process ends unexpectedly: the vehicle continues with its last velocity for \
-                     {timeout_s} s (GUID_TIMEOUT), then brakes, flies back some distance and hovers \
-                     in GUIDED (distances: docs/failsafes.md)"
-                ),
-                arducopter_ground_failsafe(own_system, parameter),
-            ]
-        }
-        Firmware::Px4 => {
-            let loss_s = parameter("COM_OF_LOSS_T").unwrap_or(1.0);
-            let action = match parameter("COM_OBL_RC_ACT").map(|value| value as i32) {
-                Some(0) => {
-                    "0, position mode: without a pilot the vehicle does not brake, and it descends"
-                }
-                Some(1) => "1, altitude mode",
-                Some(2) => "2, manual flight",
-                Some(3) => "3, return",
-                Some(4) => "4, land",
-                Some(5) => "5, hold",
-                _ => "another action",
-            };
-            let ground = match parameter("NAV_DLL_ACT").map(|value| value as i32) {
-                None | Some(0) => "NAV_DLL_ACT is 0: the loss or absence of a ground station has \
-                                   no effect"
-                    .into(),
-                Some(value) => format!(
-                    "NAV_DLL_ACT is {value} (1 hold, 2 return, 3 land): it acts {} s after the \
-                     last heartbeat of an additional ground station (COM_DL_LOSS_T), but not when \
-                     this process ends, because heartbeats of an onboard computer do not count",
-                    parameter("COM_DL_LOSS_T").unwrap_or(10.0)
-                ),
-            };
-            vec![
-                format!(
-                    "if this process ends unexpectedly: after {loss_s} s (COM_OF_LOSS_T) the \
-                     autopilot executes COM_OBL_RC_ACT: {action} (distances: docs/failsafes.md)"
-                ),
-                ground,
-            ]
-        }
-    }
-}
-
-/// Describes ArduCopter's ground failsafe. ArduCopter counts the heartbeats of one system id only.
-fn arducopter_ground_failsafe(own_system: u8, parameter: impl Fn(&str) -> Option<f32>) -> String {
-    let action = match parameter("FS_GCS_ENABLE").map(|value| value as i32) {
-        None => return "FS_GCS_ENABLE could not be read".into(),
-        Some(0) => {
-            return "FS_GCS_ENABLE is 0: the vehicle keeps hovering, with or without an additional \
-                    ground station, until a pilot takes over or the battery failsafe acts"
-                .into();
-        }
-        Some(1) => "1 (return)",
-        Some(3) => "3 (SmartRTL, or return)",
-        Some(4) => "4 (SmartRTL, or land)",
-        Some(5) => "5 (land)",
-        Some(7) => "7 (brake, or land)",
-        Some(_) => "not 0",
-    };
-    let timeout_s = parameter("FS_GCS_TIMEOUT").unwrap_or(5.0);
-    let ground = parameter("SYSID_MYGCS").or_else(|| parameter("MAV_GCS_SYSID"));
-    let ground = ground.unwrap_or(255.0);
-    if ground == f32::from(own_system) {
-        format!(
-            "FS_GCS_ENABLE is {action}: the autopilot acts {timeout_s} s after this process ended, \
-             because it counts the heartbeats of this program (system {own_system}); with an \
-             additional ground station of the same system id it does not act, and the vehicle \
-             keeps hovering"
-        )
-    } else {
-        format!(
-            "FS_GCS_ENABLE is {action}: the autopilot acts {timeout_s} s after the last heartbeat of \
-             the ground station with system id {ground}, and never without one; heartbeats of this \
-             program (system {own_system}) do not count, so if only this process ends the vehicle \
-             keeps hovering"
-        )
-    }
-}
-
-/// The predicted end of a mission with the examined autopilot.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Prediction {
-    /// The speed that the limits and parameters allow, m/s.
-    pub possible_mps: f64,
-    /// The speed that the straight path to the destination needs, m/s.
-    pub needed_mps: f64,
-    /// The sum rate of the ideal flight, bit/s/Hz.
-    pub ideal: f64,
-    /// The simulated flight; `None` if it would not start.
-    pub flight: Option<PredictedFlight>,
-}
-
-/// A simulated flight.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PredictedFlight {
-    /// Whether the vehicle arrives.
-    pub arrives: bool,
-    /// The distance from the end of the flight to the destination, m.
-    pub distance_m: f64,
-    /// The sum rate, bit/s/Hz.
-    pub total: f64,
-}
-
-impl fmt::Display for Prediction {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "the vehicle can fly {:.1} m/s and needs {:.1} m/s to arrive; ",
-            self.possible_mps, self.needed_mps
-        )?;
-        match self.flight {
-            None => f.write_str("the mission would not start"),
-            Some(flight) if flight.arrives => write!(
-                f,
-                "it would arrive with a sum rate of {:.1} bit/s/Hz ({:.0} % of {:.1} in an ideal \
-                 flight), if the airframe reaches the speed that its parameters allow",
-                flight.total,
-                100.0 * flight.total / self.ideal,
-                self.ideal
-            ),
-            Some(flight) => write!(
-                f,
-                "it would not arrive: it would end {:.0} m from the destination",
-                flight.distance_m
-            ),
-        }
-    }
-}
-
-/// Flies the mission twice with the built-in vehicle: once with the behaviour and the parameters of
-/// the examined autopilot, and once with the ideal profile. The policy of each flight is given.
-/// Returns `None` until the parameters have been read.
-pub fn predict<P: Policy<f64, USERS_MAX>>(
-    scenario: &Scenario,
-    [policy, ideal_policy]: [P; 2],
-    client: &Autopilot<f64>,
-    starts: bool,
-) -> Option<Prediction> {
-    let (_, firmware) = client.vehicle().filter(|_| client.parameters_are_read())?;
-    let fly = |policy: P, profile: Profile, parameters: Vec<(String, f32)>| {
-        let settings = FlightSettings {
-            policy: String::new(),
-            inner: Allocation::Exact,
-            profile,
-            pace: Pace::Max,
-            seed: 1,
-            symbols_per_slot: 1,
-            events: Events::default(),
-        };
-        let vehicle = VehicleSettings {
-            parameters,
-            ready_after: Duration::from_secs(1),
-            ..flight::vehicle_settings(scenario, profile)
-        };
-        let peer = Peer::built_in(Vehicle::new(vehicle));
-        // A flight that was aborted on the way has not arrived either.
-        let (record, ended) = match flight::fly(scenario, policy, &settings, peer, &mut ()) {
-            Ok(record) => (record, true),
-            Err(failed) => (*failed.record?, false),
-        };
-        let summary = (!record.slots.is_empty()).then(|| record.summary())?;
-        Some(PredictedFlight {
-            arrives: ended && summary.arrived,
-            distance_m: summary.arrival_distance_m,
-            total: summary.sum_rate,
-        })
-    };
-    let ideal = fly(ideal_policy, Profile::Ideal, Vec::new())?;
-    let read = client
-        .parameters()
-        .map(|(name, value)| (name.to_owned(), value));
-    let flown = starts.then(|| fly(policy, ProfileChoice::of(firmware), read.collect()));
-    let mission = scenario.mission.parameters();
-    Some(Prediction {
-        possible_mps: client.limits().speed_mps.min(mission.max_speed_mps),
-        needed_mps: Preflight::of(mission).needed_speed_mps.unwrap_or_default(),
-        ideal: ideal.total,
-        flight: flown.flatten(),
-    })
-}
-
 /// Returns the parameters that are read before a mission of this speed, as a table in Markdown:
 /// their defaults, the values that the mission needs, and the effect of lower values.
 /// `docs/sitl.md` contains it.
@@ -381,37 +184,6 @@ pub fn parameter_table(speed_mps: f32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// The text says for each autopilot which heartbeats keep its failsafe from acting, and which
-    /// do not.
-    #[test]
-    fn the_effect_of_a_lost_client_is_described_from_the_parameters() {
-        let with = |all: &'static [(&str, f32)]| {
-            move |name: &str| all.iter().find(|(known, _)| *known == name).map(|p| p.1)
-        };
-        let arducopter = |own, all| loss_of_client(Firmware::ArduCopter, own, with(all)).join("\n");
-        let off = arducopter(1, &[("FS_GCS_ENABLE", 0.0), ("GUID_TIMEOUT", 2.5)]);
-        assert!(off.contains("for 2.5 s (GUID_TIMEOUT)"), "{off}");
-        assert!(off.contains("with or without an additional ground station"));
-        const ON: &[(&str, f32)] = &[("FS_GCS_ENABLE", 1.0), ("SYSID_MYGCS", 255.0)];
-        let beside = arducopter(1, ON);
-        assert!(beside.contains("(system 1) do not count"), "{beside}");
-        let counted = arducopter(255, ON);
-        assert!(
-            counted.contains("5 s after this process ended"),
-            "{counted}"
-        );
-        const NEWER: &[(&str, f32)] = &[("FS_GCS_ENABLE", 5.0), ("MAV_GCS_SYSID", 254.0)];
-        let newer = arducopter(254, NEWER);
-        assert!(newer.contains("5 (land)"), "{newer}");
-        const PX4: &[(&str, f32)] = &[("COM_OBL_RC_ACT", 4.0), ("NAV_DLL_ACT", 2.0)];
-        let px4 = loss_of_client(Firmware::Px4, 1, with(PX4)).join("\n");
-        assert!(px4.contains("COM_OBL_RC_ACT: 4, land"), "{px4}");
-        assert!(
-            px4.contains("heartbeats of an onboard computer do not count"),
-            "{px4}"
-        );
-    }
 
     /// The documentation must tell users to set the parameters that the client asks for.
     #[test]

@@ -229,7 +229,7 @@ impl HostPolicy {
     /// Returns a warning if the policy was trained for another mission, or `None` if it was trained for
     /// this one or is not a trained policy.
     pub fn foreign_mission(&self, scenario: &Scenario) -> Option<String> {
-        scenario.foreign_policy(self.provenance()?)
+        scenario.foreign_policy(&self.provenance()?.scenario_digest)
     }
 
     fn from_file(path: &Path, file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {

@@ -132,7 +132,7 @@ impl World {
         state
     }
 
-    /// Returns the result of a slot in which all users and sensors obey `command`, with the vehicle
+    /// Returns the result of a slot in which all users and sensors execute `command`, with the vehicle
     /// at `vehicle`.
     ///
     /// # Panics

@@ -67,7 +67,7 @@ fn fly(lost: f64, seed: u64) -> Row {
 fn lost_states_cost_rate_and_never_accuracy() {
     let rows = [0.0, 0.1, 0.3, 0.5, 0.9, 1.0].map(|lost| fly(lost, 41));
     let mut table = String::from(
-        "| states lost | slots on aged state | oldest | without a promise | total rate |\n\
+        "| states lost | slots on aged state | oldest | without a guarantee | total rate |\n\
          |---|---|---|---|---|\n",
     );
     for row in &rows {

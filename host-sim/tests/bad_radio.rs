@@ -6,7 +6,8 @@ use environment::Allocation;
 use firmware_core::{policy::StraightLine, time::Duration};
 use host_sim::{
     flight::{
-        ClientSettings, FlightSettings, Pace, Peer, computer::InProcess, fly_with, vehicle_settings,
+        ClientSettings, FlightSettings, Peer, RealTimeFactor, computer::InProcess, fly_with,
+        vehicle_settings,
     },
     record::{FlightRecord, Summary},
 };
@@ -20,7 +21,7 @@ fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> Fli
         policy: "straight-line".into(),
         inner: Allocation::Exact,
         profile,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
         events: Events::default(),

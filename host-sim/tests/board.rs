@@ -1,12 +1,18 @@
 //! A mission with the board's computer, in single precision and stepped from outside like the board
 //! in QEMU.
 
+use std::{
+    io::{Read, Write},
+    net::{TcpListener, TcpStream},
+    thread,
+};
+
 use environment::Allocation;
-use firmware_core::console::PolicyKind;
+use firmware_core::console::{self, BoardReport, Call, Calls, PolicyKind, REPORT_FRAME_MAX};
 use host_sim::{
     flight::{
-        self, FlightSettings, Pace, Peer,
-        computer::{Twin, order},
+        self, FlightSettings, Peer, RealTimeFactor,
+        computer::{Image, OnboardComputer, Twin, order},
     },
     record::FlightRecord,
 };
@@ -18,7 +24,7 @@ fn flown(scenario: &Scenario) -> FlightRecord {
         policy: "straight-line".into(),
         inner: Allocation::Exact,
         profile: Profile::Ideal,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 10,
         events: Events::default(),
@@ -61,4 +67,68 @@ fn an_order_without_its_policy_is_refused() {
     assert_eq!(refusal, "the board has no trained policy");
     let refusal = Twin::new(&order, Some((*b"ONNX").into())).expect_err("no policy");
     assert!(refusal.contains("UAVP"), "{refusal}");
+}
+
+/// Returns listeners at three successive ports.
+fn three_ports() -> [TcpListener; 3] {
+    let at = |port: u16| TcpListener::bind(("127.0.0.1", port));
+    for _ in 0..100 {
+        let first = at(0).expect("a free port");
+        let port = first.local_addr().expect("bound").port();
+        if port < u16::MAX - 2
+            && let (Ok(second), Ok(third)) = (at(port + 1), at(port + 2))
+        {
+            return [first, second, third];
+        }
+    }
+    panic!("no three free ports in a row");
+}
+
+/// A board accepts an order with the digest of the mission that its policy was trained for, from
+/// which the host knows whether that is the mission of the order.
+#[test]
+fn a_board_says_which_mission_its_policy_was_trained_for() {
+    let scenario = Scenario::shipped("separated").expect("shipped");
+    for digest in [Some("0123456789abcdef".repeat(4)), None] {
+        let lines = three_ports();
+        let to = format!("127.0.0.1:{}", lines[0].local_addr().expect("bound").port());
+        let answer = BoardReport::Ready {
+            scenario_digest: digest
+                .as_deref()
+                .map(|text| text.try_into().expect("64 digits")),
+        };
+        let board = thread::spawn(move || {
+            let mut lines = lines.map(|line| line.accept().expect("a host").0);
+            let console: &mut TcpStream = &mut lines[2];
+            let (mut calls, mut byte) = (Calls::default(), [0]);
+            let order = loop {
+                console.read_exact(&mut byte).expect("an order");
+                if let Some(Ok(Call::Order(order))) = calls.push(byte[0]) {
+                    break order;
+                }
+            };
+            let mut frame = [0; REPORT_FRAME_MAX];
+            let frame = console::encode_report(&answer, &mut frame).expect("fits");
+            console.write_all(frame).expect("sent");
+            order
+        });
+        let sent = order(&scenario, Profile::Ideal, PolicyKind::Trained);
+        let image = Image::connect(&to.parse().expect("an address"), &sent).expect("accepted");
+        assert_eq!(board.join().expect("no panic"), sent);
+        assert_eq!(image.scenario_digest(), digest.as_deref());
+    }
+}
+
+/// The computer of a board reports it by itself.
+#[test]
+fn an_order_of_a_rule_names_no_mission() {
+    let scenario = Scenario::shipped("separated").expect("shipped");
+    let order = order(&scenario, Profile::Ideal, PolicyKind::StraightLine);
+    let computer = order
+        .build::<&[u8]>(None)
+        .expect("an order that can be flown");
+    let expected = BoardReport::Ready {
+        scenario_digest: None,
+    };
+    assert_eq!(console::ready(&computer), expected);
 }

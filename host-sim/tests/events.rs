@@ -3,7 +3,7 @@
 
 use environment::Allocation;
 use host_sim::{
-    flight::{FlightSettings, Pace, Peer, fly, vehicle_settings},
+    flight::{FlightSettings, Peer, RealTimeFactor, fly, vehicle_settings},
     policy::{HostPolicy, PolicyChoice},
     record::{FlightRecord, Summary},
 };
@@ -57,7 +57,7 @@ fn flown(choice: &PolicyChoice, profile: Profile, events: &Events) -> FlightReco
         policy: name,
         inner: Allocation::Exact,
         profile,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 400,
         events: events.clone(),

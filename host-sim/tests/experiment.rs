@@ -9,13 +9,14 @@ use std::{
 };
 
 use host_sim::experiment::{
-    Experiment, ExperimentContext, Settings,
+    Experiment, ExperimentContext, ExperimentSettings,
+    approach::Approach,
+    bounds::{BOUNDS, BoundRow},
     cell::{Cell, Learner, Preset, Topology, Training},
-    context::{BOUNDS, BoundRow},
     report,
     seed_table::{SEEDS, SeedRow},
     seeds, table,
-    totals::{Approach, TotalRow},
+    totals::TotalRow,
 };
 use planning::bound;
 
@@ -27,8 +28,8 @@ fn figures() -> PathBuf {
     repository().join("docs/figures")
 }
 
-fn settings(out: &Path, models: PathBuf) -> Settings {
-    Settings {
+fn settings(out: &Path, models: PathBuf) -> ExperimentSettings {
+    ExperimentSettings {
         out: out.to_owned(),
         models,
         trainer: None,
@@ -139,7 +140,7 @@ fn as_committed(experiment: Experiment, rows: &[TotalRow]) {
 fn drawings_and_page_are_those_of_the_committed_tables() {
     let text = |path: PathBuf| fs::read_to_string(path).expect("committed");
     for experiment in Experiment::ALL {
-        let svg = experiment.draw(&figures()).expect("drawn");
+        let svg = experiment.draw(&figures()).expect("drawn").to_svg();
         roxmltree::Document::parse(&svg).expect("well-formed");
         let name = format!("{}.svg", experiment.name());
         assert!(svg == text(figures().join(&name)), "{name} is stale");
@@ -191,11 +192,11 @@ fn the_table_of_seeds_has_the_flights_of_the_shipped_policies() {
     for cell in Cell::all() {
         for learner in Learner::ALL {
             let training = Training::new(cell, learner, 1);
-            let Some(file) = context.find(&training) else {
+            let Some(file) = context.trainings().find(&training) else {
                 continue;
             };
             known += 1;
-            let stored = context.stored(&training).expect("valid");
+            let stored = context.trainings().stored(&training).expect("valid");
             let stored = stored.unwrap_or_else(|| panic!("{training} is not in {SEEDS}"));
             let bytes = fs::read(&file).expect("readable");
             assert_eq!(stored.policy_sha256, seeds::sha256(&bytes), "{training}");
@@ -359,6 +360,7 @@ fn what_is_missing_is_named_with_the_way_to_get_it() {
     let context = ExperimentContext::open(settings, &()).expect("nothing to read");
     let cell = Cell::table_one(Topology::Mixed);
     let problem = context
+        .trainings()
         .policies(&[Training::new(cell, Learner::Ddpg(Preset::TableOne), 1)])
         .expect_err("nothing there");
     assert!(
@@ -387,7 +389,7 @@ fn what_is_missing_is_trained_once() {
     fs::write(&trainer, script).expect("written");
     fs::set_permissions(&trainer, fs::Permissions::from_mode(0o755)).expect("allowed");
     let out = folder.path().join("out");
-    let settings = Settings {
+    let settings = ExperimentSettings {
         trainer: Some(trainer),
         ..settings(&out, folder.path().to_owned())
     };
@@ -398,7 +400,7 @@ fn what_is_missing_is_trained_once() {
         1,
     );
     for _ in 0..2 {
-        let files = context.policies(&[training]).expect("trained");
+        let files = context.trainings().policies(&[training]).expect("trained");
         assert_eq!(files, [out.join(format!("policies/{training}.onnx"))]);
         assert_eq!(fs::read(&files[0]).ok(), fs::read(&policy).ok());
     }

@@ -8,8 +8,8 @@ use firmware_core::{
 };
 use host_sim::{
     flight::{
-        ClientSettings, FailedFlight, FlightSettings, Observer, Pace, Peer, computer::InProcess,
-        fly, fly_with, vehicle_settings,
+        ClientSettings, FailedFlight, FlightSettings, Observer, Peer, RealTimeFactor,
+        computer::InProcess, fly, fly_with, vehicle_settings,
     },
     record::{FlightEvent, FlightRecord},
 };
@@ -24,7 +24,7 @@ fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
         policy: "straight-line".into(),
         inner,
         profile,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 400,
         events: Events::default(),

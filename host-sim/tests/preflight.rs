@@ -13,7 +13,7 @@ use firmware_core::time::Duration;
 use flight::{Flight, ready, settings, vehicle};
 use host_sim::doctor;
 use host_sim::flight::{
-    FlightError, FlightSettings, Pace, Peer, ProfileChoice, autopilot_settings, fly,
+    FlightError, FlightSettings, Peer, ProfileChoice, RealTimeFactor, autopilot_settings, fly,
     vehicle_settings,
 };
 use mavlink::dialects::common::{MavCmd, MavMessage};
@@ -251,7 +251,7 @@ fn flight_settings(profile: Profile) -> FlightSettings {
         policy: "straight-line".into(),
         inner: Allocation::Exact,
         profile,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
         events: Events::default(),

@@ -13,8 +13,8 @@ use firmware_core::{
 };
 use host_sim::{
     flight::{
-        ClientSettings, FailedFlight, FlightSettings, Observer, Pace, Peer, computer::InProcess,
-        fly_with, vehicle_settings,
+        ClientSettings, FailedFlight, FlightSettings, Observer, Peer, RealTimeFactor,
+        computer::InProcess, fly_with, vehicle_settings,
     },
     journal::{FILE_NAME, ParameterJournal},
     record::{FlightEvent, FlightRecord},
@@ -142,7 +142,7 @@ fn flown(
     let scenario = Scenario::shipped("separated").unwrap();
     let policy = StraightLine::new(&scenario.mission);
     let journal = ParameterJournal::open(&out.join(FILE_NAME), "test").unwrap();
-    let peer = Peer::elsewhere(Box::new(vehicle.clone()));
+    let peer = Peer::external(Box::new(vehicle.clone()));
     let client = ClientSettings::default()
         .with_parameters_set()
         .with_journal(journal);
@@ -150,7 +150,7 @@ fn flown(
         policy: "straight-line".into(),
         inner: Allocation::Exact,
         profile: Profile::ArduCopter,
-        pace: Pace::Factor(SPEED),
+        real_time_factor: RealTimeFactor::Factor(SPEED),
         seed: 1,
         symbols_per_slot: 1,
         events: Events::default(),

@@ -62,6 +62,27 @@ fn a_policy_of_another_mission_is_announced() {
     );
 }
 
+/// The same for the controller of a board, whose policy is a file of another format.
+#[test]
+fn a_boards_policy_of_another_mission_is_announced() {
+    const WARNING: &str = "trained for another mission";
+    let folder = tempdir().unwrap();
+    let (out, file) = (folder.path().join("out"), folder.path().join("sac.policy"));
+    let file = file.to_str().unwrap();
+    let mut convert = program("trainer");
+    convert.args(["convert", "models/separated-sac.onnx", file]);
+    said(convert);
+    let board = ["--precision", "f32", "--policy", file];
+    let (_, errors) = run(&out, &[&board[..], &["--mse-threshold", "0.02"]].concat());
+    assert_eq!(errors.matches(WARNING).count(), 1, "{errors}");
+    let warning = summary(&out)["policy_warning"].to_string();
+    assert!(warning.contains(WARNING), "{warning}");
+
+    let (_, errors) = run(&out, &board);
+    assert!(!errors.contains(WARNING), "{errors}");
+    assert_eq!(summary(&out)["policy_warning"], Value::Null);
+}
+
 /// The total of a vehicle with inertia is compared with that of the ideal vehicle.
 #[test]
 fn what_dynamics_cost_is_said_against_the_ideal_flight() {

@@ -313,21 +313,14 @@ fn a_circle_is_found() {
 }
 
 #[test]
-fn the_trainer_builds_no_plots_no_links_and_no_clarabel() {
+fn the_trainer_builds_no_links_and_no_clarabel() {
     let tree = |package| -> BTreeSet<String> {
         let lines = cargo_tree(package, "{lib}", "normal");
         let names = lines.into_keys();
         names.map(|package| name(&package).to_owned()).collect()
     };
     let (trainer, host_sim) = (tree("trainer"), tree("host-sim"));
-    for foreign in [
-        "plotters",
-        "clarabel",
-        "ctrlc",
-        "link",
-        "vehicle",
-        "reference",
-    ] {
+    for foreign in ["clarabel", "ctrlc", "link", "vehicle", "reference"] {
         assert!(!trainer.contains(foreign), "the trainer builds {foreign}");
         assert!(
             host_sim.contains(foreign),

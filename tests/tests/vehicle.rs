@@ -164,7 +164,7 @@ fn a_key_must_be_private_and_the_right_one() {
         assert!(!complaint.contains("cccc") && !complaint.contains("aaaa"));
         complaint
     };
-    assert!(run(&["--signing-key", &open], 2).contains("mode 644 lets others in"));
+    assert!(run(&["--signing-key", &open], 2).contains("mode 644 gives others access"));
     // Both ends with the same key: signed there and back, in simulated time.
     run(&["--signing-key", &ours], 0);
     let (_vehicle, link) = vehicle("ideal", "20", &["--signing-key", &theirs]);
@@ -229,7 +229,7 @@ fn a_ground_station_that_was_never_reached_is_noted() {
         .success();
     let words = String::from_utf8(run.get_output().stderr.clone()).unwrap();
     assert_eq!(words.lines().count(), 1, "{words}");
-    let note = format!("note: nobody was reached at {link}");
+    let note = format!("note: no ground station was reached at {link}");
     assert!(words.starts_with(&note), "{words}");
 }
 

@@ -1,10 +1,9 @@
 //! Speed of learning on one thread: `cargo bench -p trainer --bench learning [-- WHAT [STEPS]]`.
 //!
 //! `sac` and `ddpg` are whole gradient steps (sampling, targets, critics, policy, temperatures,
-//! target networks) at Table I's sizes: 19 states, 15 users, (128, 128), batch 64. `environment`
-//! is slots at J = 36, M = 15 with random actions. Prints one line `WHAT NUMBER` with the number per
-//! second for each. With WHAT it measures only that one, in one round of STEPS, so that a script can
-//! alternate between programs.
+//! target networks) at Table I's sizes. `environment` is slots of the shipped mission `separated` with
+//! random actions. Prints one line `WHAT NUMBER` with the number per second for each. With WHAT it
+//! measures only that one, in one round of STEPS, so that a script can alternate between programs.
 
 use std::{hint::black_box, time::Instant};
 
@@ -17,10 +16,10 @@ use trainer::{
     learner::Learner,
     replay::{Replay, Transition},
     sac::Sac,
-    settings::{Algorithm, Preset, Settings},
+    settings::{Algorithm, Preset, TrainingSettings},
 };
 
-fn environment(settings: &Settings) -> Environment<f64> {
+fn environment(settings: &TrainingSettings) -> Environment<f64> {
     let scenario = Scenario::shipped("separated").expect("shipped");
     Environment::new(scenario.mission, &settings.environment_settings())
 }
@@ -69,7 +68,7 @@ fn rate(steps: u32, mut step: impl FnMut()) -> f64 {
 
 /// Returns a gradient step to be measured.
 fn learning<L: Learner + 'static>() -> Step {
-    let settings = Settings::preset(Preset::Paper, L::ALGORITHM, 1);
+    let settings = TrainingSettings::preset(Preset::Paper, L::ALGORITHM, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut environment = environment(&settings);
     let replay = memory::<L>(&mut environment, &mut rng);
@@ -79,7 +78,7 @@ fn learning<L: Learner + 'static>() -> Step {
 
 /// Returns a slot with a random action to be measured.
 fn flying() -> Step {
-    let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
+    let settings = TrainingSettings::preset(Preset::Paper, Algorithm::Sac, 1);
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut environment = environment(&settings);
     let users = environment.dimensions().users;

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64Mcg;
 use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 
-use crate::{nn::Mlp, settings::Settings};
+use crate::{nn::Mlp, settings::TrainingSettings};
 
 /// A dense layer as plain matrices, without padding.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,7 +100,7 @@ impl Actor {
     pub fn new(
         layers: Vec<Dense>,
         scenario: &Scenario,
-        settings: &Settings,
+        settings: &TrainingSettings,
         episodes: u32,
     ) -> Self {
         let mission = &scenario.mission;

@@ -16,9 +16,9 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use crate::{
     actor::Actor,
     evaluate::Flight,
-    metrics::Row,
+    metrics::MetricsRow,
     replay::Replay,
-    settings::{Algorithm, Settings},
+    settings::{Algorithm, TrainingSettings},
 };
 
 const MAGIC: [u8; 4] = *b"UAVC";
@@ -38,9 +38,9 @@ pub struct Evaluated {
 
 /// The part of a checkpoint that does not depend on the learner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Progress {
+pub struct TrainingProgress {
     /// The settings of the run.
-    pub settings: Settings,
+    pub settings: TrainingSettings,
     /// The fairness prices, bit/s/Hz; empty if the settings do not enable them.
     pub prices: Vec<f64>,
     /// The scenario's name.
@@ -56,7 +56,7 @@ pub struct Progress {
     /// The best policy so far.
     pub best: Option<Evaluated>,
     /// The metrics of all episodes.
-    pub rows: Vec<Row>,
+    pub rows: Vec<MetricsRow>,
     /// The random number generator.
     pub rng: Pcg64Mcg,
 }
@@ -65,7 +65,7 @@ pub struct Progress {
 #[derive(Clone, Debug, Deserialize)]
 pub struct Checkpoint<S> {
     /// The part that can be read without knowing the learner.
-    pub progress: Progress,
+    pub progress: TrainingProgress,
     /// The state of the learner.
     pub learner: S,
     /// The replay memory.
@@ -78,7 +78,7 @@ pub struct Checkpoint<S> {
 /// Returns the file system's error with the file's name.
 pub fn write<S: Serialize>(
     path: &Path,
-    progress: &Progress,
+    progress: &TrainingProgress,
     learner: &S,
     replay: &Replay,
 ) -> anyhow::Result<()> {
@@ -121,17 +121,17 @@ impl<S: DeserializeOwned> Checkpoint<S> {
     }
 }
 
-/// Reads the [`Progress`] of a checkpoint of any learner.
+/// Reads the [`TrainingProgress`] of a checkpoint of any learner.
 ///
 /// # Errors
 /// Fails if the file is not a checkpoint, is damaged, or has another version.
-pub fn read_progress(path: &Path) -> anyhow::Result<Progress> {
+pub fn read_progress(path: &Path) -> anyhow::Result<TrainingProgress> {
     let bytes = read_checked(path)?;
     peek(&bytes).with_context(|| path.display().to_string())
 }
 
-/// Decodes the [`Progress`] at the start of the data.
-fn peek(bytes: &[u8]) -> anyhow::Result<Progress> {
+/// Decodes the [`TrainingProgress`] at the start of the data.
+fn peek(bytes: &[u8]) -> anyhow::Result<TrainingProgress> {
     let (progress, _) = postcard::take_from_bytes(&bytes[10..])?;
     Ok(progress)
 }

@@ -12,7 +12,7 @@ use scenario::{HostMission, Scenario};
 use crate::{
     evaluate::fly,
     run::Run,
-    settings::{Algorithm, Preset, Settings},
+    settings::{Algorithm, Preset, TrainingSettings},
 };
 
 /// The values that policies on a mission are compared with, bit/s/Hz summed over the slots.
@@ -42,7 +42,7 @@ impl References {
     }
 }
 
-/// A table of learners (rows) on missions (columns).
+/// A table with learners as rows and missions as columns.
 #[derive(Debug)]
 pub struct Comparison {
     missions: Vec<Mission>,
@@ -91,7 +91,7 @@ impl Comparison {
         let flight = fly(mission, Mlp::load(best.actor.to_policy_file()?)?, inner)?;
         ensure!(
             flight.is_admissible_under(inner),
-            "its best policy breaks a constraint"
+            "its best policy violates a constraint"
         );
         let column = self.column(&run.scenario)?;
         let settings = &run.progress.settings;
@@ -163,7 +163,7 @@ impl Comparison {
         row("search", &|_, mission| {
             format!("{:.2}", mission.references.search)
         });
-        row("no mission has more than", &|_, mission| {
+        row("upper bound of any mission", &|_, mission| {
             format!("{:.2}", mission.references.bound)
         });
         table
@@ -250,11 +250,11 @@ const LEARNING_RATES: [&str; 3] = [
 
 /// Returns a label with the algorithm, the preset with the fewest differences (Table I is not
 /// mentioned), and these differences.
-fn label(settings: &Settings) -> anyhow::Result<String> {
+fn label(settings: &TrainingSettings) -> anyhow::Result<String> {
     let name = settings.algorithm.name().to_uppercase();
     let mut shortest: Option<(String, Vec<(String, String)>)> = None;
     for (preset, known_as) in [(Preset::Paper, ""), (Preset::Tuned, ", tuned")] {
-        let preset = Settings::preset(preset, settings.algorithm, settings.seed);
+        let preset = TrainingSettings::preset(preset, settings.algorithm, settings.seed);
         let changed = changes(settings, &preset)?;
         if shortest
             .as_ref()
@@ -270,7 +270,10 @@ fn label(settings: &Settings) -> anyhow::Result<String> {
 }
 
 /// Returns the names and values of the settings that differ from a preset.
-fn changes(settings: &Settings, preset: &Settings) -> anyhow::Result<Vec<(String, String)>> {
+fn changes(
+    settings: &TrainingSettings,
+    preset: &TrainingSettings,
+) -> anyhow::Result<Vec<(String, String)>> {
     let (own, preset) = (
         toml::Table::try_from(settings)?,
         toml::Table::try_from(preset)?,
@@ -306,8 +309,8 @@ fn shown(value: &toml::Value) -> String {
 mod tests {
     use super::*;
 
-    fn settings(algorithm: Algorithm) -> Settings {
-        Settings::preset(Preset::Paper, algorithm, 4)
+    fn settings(algorithm: Algorithm) -> TrainingSettings {
+        TrainingSettings::preset(Preset::Paper, algorithm, 4)
     }
 
     #[test]
@@ -316,11 +319,11 @@ mod tests {
         assert_eq!(label(&s).unwrap(), "SAC");
         (s.evaluate_every, s.discount) = (50, 0.98);
         assert_eq!(label(&s).unwrap(), "SAC, discount 0.98");
-        let tuned = Settings::preset(Preset::Tuned, Algorithm::Sac, 1);
+        let tuned = TrainingSettings::preset(Preset::Tuned, Algorithm::Sac, 1);
         assert_eq!(label(&tuned).unwrap(), "SAC, tuned");
-        let unpriced = Settings {
+        let unpriced = TrainingSettings {
             fairness_prices: false,
-            ..Settings::preset(Preset::Tuned, Algorithm::Sac, 1)
+            ..TrainingSettings::preset(Preset::Tuned, Algorithm::Sac, 1)
         };
         assert_eq!(
             label(&unpriced).unwrap(),
@@ -355,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_has_rates_shares_and_seeds() {
+    fn a_table_has_rates_percentages_and_seeds() {
         let table = comparison(&[60.0, 64.0], 56.0).markdown();
         assert_eq!(
             table,
@@ -363,7 +366,7 @@ mod tests {
              | fair straight line | 50.00 (62.5 %) |\n\
              | SAC | **62.00 (77.5 %)**, 2 seeds from 60.00 to 64.00 |\n\
              | DDPG | 56.00 (70.0 %) |\n\
-             | search | 80.00 |\n| no mission has more than | 81.00 |\n"
+             | search | 80.00 |\n| upper bound of any mission | 81.00 |\n"
         );
     }
 

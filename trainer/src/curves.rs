@@ -1,12 +1,11 @@
 //! Learning curves of several runs in one drawing.
 
 use figures::{
-    axis::{self, Key, LEFT, Panel, RIGHT, Scale},
-    markup::{Element, PathData, element, label, line},
-    quantity, theme,
+    chart::{Axis, Chart, Panel, SIZE},
+    series::{Look, Series},
 };
 
-use crate::metrics::{EVALUATION, Row};
+use crate::metrics::{EVALUATION, MetricsRow, SUM_RATE};
 
 /// A learning curve: the mean total rate of the episodes up to each point.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,95 +19,57 @@ pub struct Curve {
 impl Curve {
     /// Creates the curve of a run with a point for each `window` episodes: the evaluations of the
     /// deterministic policy, or the episodes with exploration if the run has no evaluations.
-    pub fn of(name: String, rows: &[Row], window: usize) -> Self {
-        let of_column = |column: &str| -> Vec<(f64, f64)> {
-            let windows = rows.chunks(window.max(1));
-            let point = |rows: &[Row]| {
-                let values: Vec<f64> = rows.iter().filter_map(|row| row.get(column)).collect();
-                let last = rows.last()?;
-                let mean = values.iter().sum::<f64>() / values.len() as f64;
-                (!values.is_empty()).then_some((f64::from(last.episode), mean))
-            };
-            windows.filter_map(point).collect()
-        };
-        let evaluated = of_column(EVALUATION);
+    pub fn of(name: String, rows: &[MetricsRow], window: usize) -> Self {
+        let evaluated = means(rows, EVALUATION, window);
         let points = match evaluated.is_empty() {
-            true => of_column("charts/sum_rate"),
+            true => means(rows, SUM_RATE, window),
             false => evaluated,
         };
         Self { name, points }
     }
 }
 
-/// Where the legend begins.
-const LEGEND_Y: f64 = 14.0;
-/// The height of the panel.
-const PANEL: f64 = 240.0;
-/// Dashes of lines that follow each other, so that they differ without colour, too.
-const DASHES: [&str; 4] = ["none", "8 4", "2 3", "12 3 2 3"];
+/// Returns the last episode of each `window` episodes and the mean of a column over them. Windows
+/// without a value in this column are left out.
+pub(crate) fn means(rows: &[MetricsRow], column: &str, window: usize) -> Vec<(f64, f64)> {
+    let point = |rows: &[MetricsRow]| {
+        let values: Vec<f64> = rows.iter().filter_map(|row| row.get(column)).collect();
+        let last = rows.last()?;
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (!values.is_empty()).then_some((f64::from(last.episode), mean))
+    };
+    rows.chunks(window.max(1)).filter_map(point).collect()
+}
 
 /// Returns the drawing as SVG.
 pub fn drawing(curves: &[Curve]) -> String {
-    let keys = curves.iter().enumerate().map(|(index, curve)| Key {
-        mark: styled(
-            line("computed", [-9.0, 0.0], [9.0, 0.0]),
-            index,
-            curves.len(),
-        ),
-        words: curve.name.clone(),
+    let series = curves.iter().enumerate().map(|(index, curve)| {
+        let look = Look::nth(index).without_marks();
+        Series::new(curve.name.clone(), look, curve.points.clone())
     });
-    let (legend, foot) = axis::legend(keys.collect(), [LEFT, LEGEND_Y]);
-    let (top, bottom) = (foot + 16.0, foot + 16.0 + PANEL);
-    let points = || curves.iter().flat_map(|curve| &curve.points);
-    let panel = Panel {
-        top,
-        bottom,
-        scale: Scale::around(points().map(|point| point.1), [bottom, top]),
-    };
-    let last = points().map(|point| point.0).fold(1.0, f64::max);
-    let episodes = Scale::linear([0.0, last], [LEFT, RIGHT]);
-    let mut ticks = element("g");
-    for tick in episodes.ticks(8) {
-        let x = episodes.at(tick.value);
-        ticks.push(label("tick middle", [x, bottom + 16.0], tick.label));
-    }
-    let lines = curves.iter().enumerate().map(|(index, curve)| {
-        let places = curve.points.iter();
-        let places = places.map(|&(episode, rate)| [episodes.at(episode), panel.scale.at(rate)]);
-        styled(
-            PathData::through(places).path("computed"),
-            index,
-            curves.len(),
-        )
-    });
-    let described = quantity::count(curves.len(), "run");
-    let middle = (LEFT + RIGHT) / 2.0;
-    let figure = axis::figure(bottom + 40.0, "Learning curves", &described)
-        .with(theme::drawing_style())
-        .with(
-            element("rect")
-                .class("paper")
-                .set("width", "100%")
-                .set("height", "100%"),
-        )
-        .with(legend)
-        .with(panel.draw("total rate, bit/s/Hz"))
-        .with(panel.base())
-        .with(ticks)
-        .with(label("axis middle", [middle, bottom + 34.0], "episode"))
-        .with_all(lines);
-    format!("{figure}\n")
+    over_episodes("Learning curves", series.collect())
 }
 
-/// Gives a line the appearance of the run of this index. The lightest colours of the map are not
-/// used, because they are hard to see on paper.
-fn styled(line: Element, index: usize, of: usize) -> Element {
-    let share = 0.85 * index as f64 / of.max(2).saturating_sub(1) as f64;
-    let dashes = DASHES[index % DASHES.len()];
-    line.set(
-        "style",
-        format!("stroke:{};stroke-dasharray:{dashes}", theme::viridis(share)),
-    )
+/// Draws total rates over episodes.
+pub(crate) fn over_episodes(title: &str, series: Vec<Series>) -> String {
+    let points = || series.iter().flat_map(|series| &series.points);
+    let last = points().map(|point| point.0).fold(1.0, f64::max);
+    let panel = Panel {
+        title: String::new(),
+        x: Axis {
+            ticks: 8,
+            ..Axis::new("episode", [0.0, last])
+        },
+        y: Axis::around("total rate, bit/s/Hz", points().map(|point| point.1)),
+        series,
+    };
+    let chart = Chart {
+        title: title.into(),
+        panels: vec![panel],
+        columns: 1,
+        size: SIZE,
+    };
+    chart.to_svg()
 }
 
 #[cfg(test)]
@@ -125,7 +86,8 @@ mod tests {
         };
         let drawn = drawing(&[curve("seed 1", 40.0), curve("seed 2", 50.0)]);
         assert!(drawn.starts_with("<svg"), "{drawn}");
-        assert_eq!(drawn.matches("<path").count(), 2, "{drawn}");
+        // One line in the panel and one in the legend.
+        assert_eq!(drawn.matches("<path").count(), 4, "{drawn}");
         for words in [
             "seed 1",
             "seed 2",

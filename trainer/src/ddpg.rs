@@ -23,7 +23,7 @@ use crate::{
     learner::{Learner, Losses, States, fill_normal},
     nn::{Activations, Adam, Mlp, padded, tanh},
     replay::{Batch, Replay},
-    settings::{Algorithm, Settings},
+    settings::{Algorithm, TrainingSettings},
 };
 
 /// Everything that is learned: the two networks, their target networks and optimizers.
@@ -41,7 +41,7 @@ pub struct State {
 #[derive(Debug)]
 pub struct Ddpg {
     state: State,
-    settings: Settings,
+    settings: TrainingSettings,
     dimensions: Dimensions,
     arch: Arch,
     batch: Batch,
@@ -58,7 +58,7 @@ impl Learner for Ddpg {
     const ALGORITHM: Algorithm = Algorithm::Ddpg;
     type State = State;
 
-    fn new(settings: &Settings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self {
+    fn new(settings: &TrainingSettings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self {
         let Dimensions { users, observation } = dimensions;
         let h = settings.hidden;
         let action = Self::action_len(users);
@@ -75,7 +75,7 @@ impl Learner for Ddpg {
         Self::resume(settings, dimensions, state)
     }
 
-    fn resume(settings: &Settings, dimensions: Dimensions, state: State) -> Self {
+    fn resume(settings: &TrainingSettings, dimensions: Dimensions, state: State) -> Self {
         let n = settings.batch;
         let action = Self::action_len(dimensions.users);
         let parameters = [&state.actor, &state.critic].map(|network| network.parameters().len());

@@ -9,7 +9,7 @@ use crate::{
     learner::Learner,
     nn::Mlp,
     replay::{Replay, Transition},
-    settings::{Preset, Settings},
+    settings::{Preset, TrainingSettings},
 };
 
 pub(crate) const DIMENSIONS: Dimensions = Dimensions {
@@ -24,7 +24,7 @@ pub(crate) const BATCH: usize = 21;
 /// some exclude users.
 pub(crate) fn filled<L: Learner>() -> (L, Replay, Pcg64Mcg) {
     let mut rng = Pcg64Mcg::seed_from_u64(7);
-    let mut settings = Settings::preset(Preset::Paper, L::ALGORITHM, 7);
+    let mut settings = TrainingSettings::preset(Preset::Paper, L::ALGORITHM, 7);
     (settings.batch, settings.hidden) = (BATCH, 24);
     let learner = L::new(&settings, DIMENSIONS, &mut rng);
     let (state, action) = (DIMENSIONS.observation, L::action_len(DIMENSIONS.users));

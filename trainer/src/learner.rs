@@ -9,7 +9,7 @@ use environment::{Action, Dimensions, UserSet};
 use crate::{
     actor::Dense,
     replay::{Batch, Replay},
-    settings::{Algorithm, Settings},
+    settings::{Algorithm, TrainingSettings},
 };
 
 /// A batch of states, with one row per feature (see [`crate::nn`]).
@@ -37,10 +37,10 @@ pub trait Learner: Sized {
     type State: Serialize + DeserializeOwned;
 
     /// Creates a learner with randomly initialized networks.
-    fn new(settings: &Settings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self;
+    fn new(settings: &TrainingSettings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self;
 
     /// Creates a learner that continues from a state that [`state`](Self::state) returned.
-    fn resume(settings: &Settings, dimensions: Dimensions, state: Self::State) -> Self;
+    fn resume(settings: &TrainingSettings, dimensions: Dimensions, state: Self::State) -> Self;
 
     /// Returns the state that a checkpoint stores.
     fn state(&self) -> &Self::State;

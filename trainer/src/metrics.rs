@@ -53,7 +53,7 @@ impl LossMeans {
 
 /// The metrics of one episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Row {
+pub struct MetricsRow {
     /// Number of episodes completed.
     pub episode: u32,
     /// Number of slots completed.
@@ -62,7 +62,7 @@ pub struct Row {
     pub values: Vec<(String, f64)>,
 }
 
-impl Row {
+impl MetricsRow {
     /// Builds the row of an episode from its outcome, its losses and its evaluation, if any.
     pub fn new(
         episode: u32,
@@ -75,7 +75,7 @@ impl Row {
             ("charts/episodic_return", outcome.reward),
             ("charts/rate_reward", outcome.rate_reward),
             ("charts/trajectory_reward", outcome.trajectory_reward),
-            ("charts/sum_rate", outcome.sum_rate),
+            (SUM_RATE, outcome.sum_rate),
             ("charts/arrived", f64::from(u8::from(outcome.arrived))),
             ("charts/fair", f64::from(u8::from(outcome.fair))),
             ("charts/mse_violations", outcome.mse_violations.into()),
@@ -99,6 +99,9 @@ impl Row {
     }
 }
 
+/// The column of the total rate with exploration, bit/s/Hz.
+pub const SUM_RATE: &str = "charts/sum_rate";
+
 /// The name of the column of deterministic evaluations.
 pub const EVALUATION: &str = "charts/eval_sum_rate";
 
@@ -106,7 +109,7 @@ pub const EVALUATION: &str = "charts/eval_sum_rate";
 ///
 /// # Errors
 /// Fails if the file cannot be written.
-pub fn write_csv(path: &Path, rows: &[Row]) -> io::Result<()> {
+pub fn write_csv(path: &Path, rows: &[MetricsRow]) -> io::Result<()> {
     let mut columns: Vec<&str> = Vec::new();
     for (name, _) in rows.iter().flat_map(|row| &row.values) {
         if !columns.contains(&name.as_str()) {

@@ -2,13 +2,13 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::checkpoint::Progress;
+use crate::{checkpoint::TrainingProgress, metrics::SUM_RATE};
 
 /// Number of episodes that the figures beside the bar are averaged over.
 const RECENT: usize = 100;
 
 /// Returns a progress bar at the run's present episode; a hidden one unless `shown`.
-pub(crate) fn progress_bar(progress: &Progress, shown: bool) -> ProgressBar {
+pub(crate) fn progress_bar(progress: &TrainingProgress, shown: bool) -> ProgressBar {
     if !shown {
         return ProgressBar::hidden();
     }
@@ -21,7 +21,7 @@ pub(crate) fn progress_bar(progress: &Progress, shown: bool) -> ProgressBar {
 }
 
 /// Returns the text beside the bar: means over the last episodes, best policy and speed.
-pub(crate) fn message(progress: &Progress, slots_per_second: f64) -> String {
+pub(crate) fn message(progress: &TrainingProgress, slots_per_second: f64) -> String {
     let rows = &progress.rows;
     let recent = &rows[rows.len().saturating_sub(RECENT)..];
     let mean = |column: &str| {
@@ -33,7 +33,7 @@ pub(crate) fn message(progress: &Progress, slots_per_second: f64) -> String {
     format!(
         "return {:.2}, rate {:.2}, arrived {:.0}%, best {best}, {slots_per_second:.0} slots/s",
         mean("charts/episodic_return"),
-        mean("charts/sum_rate"),
+        mean(SUM_RATE),
         100.0 * mean("charts/arrived"),
     )
 }

@@ -5,14 +5,15 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    checkpoint::Progress,
+    checkpoint::TrainingProgress,
     learner::{Learner, States},
     metrics::LossMeans,
     nn::padded,
     replay::{Replay, Transition, scatter},
 };
 
-/// A loss that is NaN or exceeds [`Settings::loss_limit`](crate::settings::Settings::loss_limit).
+/// A loss that is NaN or exceeds
+/// [`TrainingSettings::loss_limit`](crate::settings::TrainingSettings::loss_limit).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Divergence {
     /// The name of the loss.
@@ -60,9 +61,9 @@ impl Rollout {
         &mut self,
         learner: &mut L,
         replay: &mut Replay,
-        progress: &mut Progress,
+        progress: &mut TrainingProgress,
     ) -> Result<LossMeans, Divergence> {
-        let Progress {
+        let TrainingProgress {
             settings,
             rng,
             global_step,

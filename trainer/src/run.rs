@@ -13,7 +13,7 @@ use std::{fs, io, path::Path};
 use anyhow::{Context, Error, ensure};
 use scenario::Scenario;
 
-use crate::checkpoint::{self, Progress};
+use crate::checkpoint::{self, TrainingProgress};
 
 /// File name of the checkpoint.
 pub const CHECKPOINT: &str = "checkpoint.bin";
@@ -58,7 +58,7 @@ pub fn clear(directory: &Path) -> io::Result<()> {
 #[derive(Debug)]
 pub struct Run {
     /// Its progress.
-    pub progress: Progress,
+    pub progress: TrainingProgress,
     /// Its scenario.
     pub scenario: Scenario,
 }
@@ -75,7 +75,8 @@ impl Run {
         let scenario = match fs::read_to_string(&path) {
             Ok(text) => Scenario::parse(&progress.scenario, &text).map_err(Error::msg),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                Scenario::shipped(&progress.scenario).context("is not there")
+                let shipped = Scenario::shipped(&progress.scenario);
+                shipped.context("file not found, and no scenario of this name is shipped")
             }
             Err(error) => Err(error.into()),
         };

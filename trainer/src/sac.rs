@@ -1,5 +1,5 @@
 //! Soft actor-critic with a hybrid action, written so that it can be read side by side with the
-//! paper's Alg. 2.
+//! paper's Alg. 2 (alg:2).
 //!
 //! The action is a displacement `a` (squashed Gaussian) and a user `m` (categorical), independent
 //! given the state ([`crate::head`]). A critic takes `(s, a)` and returns **one value per user**,
@@ -34,7 +34,7 @@ use crate::{
     learner::{Learner, Losses, States, fill_normal},
     nn::{Activations, Adam, Mlp, exp, padded},
     replay::{Batch, Replay},
-    settings::{Algorithm, Settings},
+    settings::{Algorithm, TrainingSettings},
 };
 
 /// A network and the state of its optimizer.
@@ -92,11 +92,18 @@ pub struct State {
     user_temperature: Temperature,
 }
 
+/// The states of a batch: `s_n` or `s_{n+1}`.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    Current,
+    Next,
+}
+
 /// Soft actor-critic: the learned state and the work buffers.
 #[derive(Debug)]
 pub struct Sac {
     state: State,
-    settings: Settings,
+    settings: TrainingSettings,
     dimensions: Dimensions,
     arch: Arch,
     batch: Batch,
@@ -126,7 +133,7 @@ impl Learner for Sac {
     type State = State;
 
     /// Initializes the networks (Alg. 2, line 1).
-    fn new(settings: &Settings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self {
+    fn new(settings: &TrainingSettings, dimensions: Dimensions, rng: &mut Pcg64Mcg) -> Self {
         let Dimensions { users, observation } = dimensions;
         let h = settings.hidden;
         let policy = Trained::new(&[observation, h, h, head::output_len(users)], rng);
@@ -142,7 +149,7 @@ impl Learner for Sac {
         Self::resume(settings, dimensions, state)
     }
 
-    fn resume(settings: &Settings, dimensions: Dimensions, state: State) -> Self {
+    fn resume(settings: &TrainingSettings, dimensions: Dimensions, state: State) -> Self {
         let n = settings.batch;
         let users = dimensions.users;
         let policy = &state.policy.network;
@@ -244,30 +251,39 @@ impl Sac {
         }
     }
 
-    /// Computes `r + gamma v(s_{n+1})`, the target in eq:Q.
-    fn evaluate_bellman_target(&mut self, rng: &mut Pcg64Mcg) {
-        self.policy
-            .input_mut()
-            .copy_from_slice(&self.batch.next_observation);
-        self.state
-            .policy
-            .network
-            .forward(self.arch, &mut self.policy);
+    /// Samples a displacement per state of the batch from the policy, and evaluates it: by the
+    /// critics in the current states, and by the target networks in the next ones.
+    fn evaluate_policy(&mut self, step: Step, rng: &mut Pcg64Mcg) {
+        let (batch, state) = (&self.batch, &self.state);
+        let (observation, admissible, entropy_mask, networks) = match step {
+            Step::Current => (
+                &batch.observation,
+                &batch.admissible,
+                &batch.entropy_mask,
+                state.critics.each_ref().map(|critic| &critic.network),
+            ),
+            Step::Next => (
+                &batch.next_observation,
+                &batch.next_admissible,
+                &batch.next_entropy_mask,
+                state.targets.each_ref(),
+            ),
+        };
+        self.policy.input_mut().copy_from_slice(observation);
+        state.policy.network.forward(self.arch, &mut self.policy);
         fill_normal(rng, &mut self.sample.noise);
-        self.sample
-            .evaluate(self.policy.output(), &self.batch.next_admissible);
-        self.sample
-            .entropy_mask
-            .copy_from_slice(&self.batch.next_entropy_mask);
-        for (target, activations) in self.state.targets.iter().zip(&mut self.critics) {
-            Self::load(
-                activations,
-                &self.batch.next_observation,
-                &self.sample.displacement,
-            );
-            target.forward(self.arch, activations);
+        self.sample.evaluate(self.policy.output(), admissible);
+        self.sample.entropy_mask.copy_from_slice(entropy_mask);
+        for (network, activations) in networks.into_iter().zip(&mut self.critics) {
+            Self::load(activations, observation, &self.sample.displacement);
+            network.forward(self.arch, activations);
         }
         self.take_least();
+    }
+
+    /// Computes `r + gamma v(s_{n+1})`, the target in eq:Q.
+    fn evaluate_bellman_target(&mut self, rng: &mut Pcg64Mcg) {
+        self.evaluate_policy(Step::Next, rng);
         let alpha = self.temperatures();
         for s in 0..self.batch.len {
             let value = -self.sample.soft_cost(&self.least, alpha, s);
@@ -303,28 +319,7 @@ impl Sac {
     /// Minimizes eq:pi and returns the loss. The gradient of the displacement is back-propagated
     /// through the critic that has the smaller value.
     fn update_policy(&mut self, rng: &mut Pcg64Mcg) -> f32 {
-        self.policy
-            .input_mut()
-            .copy_from_slice(&self.batch.observation);
-        self.state
-            .policy
-            .network
-            .forward(self.arch, &mut self.policy);
-        fill_normal(rng, &mut self.sample.noise);
-        self.sample
-            .evaluate(self.policy.output(), &self.batch.admissible);
-        self.sample
-            .entropy_mask
-            .copy_from_slice(&self.batch.entropy_mask);
-        for (critic, activations) in self.state.critics.iter().zip(&mut self.critics) {
-            Self::load(
-                activations,
-                &self.batch.observation,
-                &self.sample.displacement,
-            );
-            critic.network.forward(self.arch, activations);
-        }
-        self.take_least();
+        self.evaluate_policy(Step::Current, rng);
         let alpha = self.temperatures();
         let (len, width) = (self.batch.len, self.batch.width);
         let per_sample = 1.0 / len as f32;

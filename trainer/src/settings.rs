@@ -32,7 +32,7 @@ impl Algorithm {
     }
 }
 
-/// A set of values for [`Settings`].
+/// A set of values for [`TrainingSettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Preset {
@@ -41,9 +41,9 @@ pub enum Preset {
     Paper,
     /// The same state, action, networks and episodes with another discount and other learning
     /// rates, and with additions to the paper: how a mission's return is distributed over its slots
-    /// ([`Settings::fairness_prices`], [`Settings::value_shaping`]), and for SAC which transitions
-    /// are stored and where entropy counts ([`Settings::alternative_users`],
-    /// [`Settings::entropy_when_forced`]).
+    /// ([`TrainingSettings::fairness_prices`], [`TrainingSettings::value_shaping`]), and for SAC
+    /// which transitions are stored and where entropy counts
+    /// ([`TrainingSettings::alternative_users`], [`TrainingSettings::entropy_when_forced`]).
     #[value(help = "The settings with the best results so far (docs/training.md)")]
     Tuned,
 }
@@ -54,7 +54,7 @@ const BUFFER_MAX: usize = 100_000_000;
 /// All settings of a training run. The documented defaults are those of [`Preset::Paper`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Settings {
+pub struct TrainingSettings {
     /// The algorithm.
     pub algorithm: Algorithm,
     /// The seed of all random numbers of the run.
@@ -138,7 +138,7 @@ pub struct Settings {
     pub loss_limit: f32,
 }
 
-impl Settings {
+impl TrainingSettings {
     /// Returns the values of a preset.
     pub fn preset(preset: Preset, algorithm: Algorithm, seed: u64) -> Self {
         let environment = EnvironmentSettings::default();
@@ -303,7 +303,7 @@ mod tests {
 
     #[test]
     fn the_paper_preset_is_table_one() {
-        let s = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
+        let s = TrainingSettings::preset(Preset::Paper, Algorithm::Sac, 1);
         assert_eq!(
             (s.policy_learning_rate, s.critic_learning_rate),
             (1e-4, 1e-4)
@@ -321,11 +321,11 @@ mod tests {
 
     #[test]
     fn a_wrong_value_is_named() {
-        let mut s = Settings::preset(Preset::Tuned, Algorithm::Ddpg, 1);
+        let mut s = TrainingSettings::preset(Preset::Tuned, Algorithm::Ddpg, 1);
         s.discount = 1.5;
         let message = s.check().unwrap_err().to_string();
         assert_eq!(message, "discount is 1.5, but must be a number from 0 to 1");
-        type Spoil = fn(&mut Settings);
+        type Spoil = fn(&mut TrainingSettings);
         let spoilt: [(&str, Spoil); 7] = [
             ("alternative_users is 2", |s| {
                 (s.algorithm, s.alternative_users) = (Algorithm::Ddpg, 2);
@@ -342,7 +342,7 @@ mod tests {
             ("exploration_noise is -1", |s| s.exploration_noise = -1.0),
         ];
         for (words, spoil) in spoilt {
-            let mut s = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
+            let mut s = TrainingSettings::preset(Preset::Paper, Algorithm::Sac, 1);
             spoil(&mut s);
             let message = s.check().unwrap_err().to_string();
             assert!(message.starts_with(words), "{message}");

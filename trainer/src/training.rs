@@ -15,23 +15,23 @@ use scenario::Scenario;
 
 use crate::{
     actor::Actor,
-    checkpoint::{self, Checkpoint, Evaluated, Progress},
+    checkpoint::{self, Checkpoint, Evaluated, TrainingProgress},
     evaluate::{Flight, fly},
     learner::Learner,
-    metrics::{self, Row},
+    metrics::{self, MetricsRow},
     onnx,
     progress_bar::{message, progress_bar},
     replay::Replay,
     rollout::{Divergence, Rollout},
     run::{self, CHECKPOINT, DIVERGED, METRICS, POLICY, SCENARIO, SETTINGS},
-    settings::Settings,
+    settings::TrainingSettings,
     tensorboard::EventWriter,
 };
 
 /// A training run in its directory.
 #[derive(Debug)]
 pub struct Training<L: Learner> {
-    progress: Progress,
+    progress: TrainingProgress,
     directory: PathBuf,
     scenario: Scenario,
     rollout: Rollout,
@@ -46,7 +46,7 @@ impl<L: Learner> Training<L> {
     /// Fails if a setting is out of its range or if the directory cannot be written.
     pub fn start(
         scenario: Scenario,
-        settings: Settings,
+        settings: TrainingSettings,
         directory: PathBuf,
     ) -> anyhow::Result<Self> {
         settings.check()?;
@@ -70,7 +70,7 @@ impl<L: Learner> Training<L> {
                 .context("fairness_prices = true needs the bound's prices")?,
             false => Vec::new(),
         };
-        let progress = Progress {
+        let progress = TrainingProgress {
             prices,
             scenario: scenario.name.clone(),
             scenario_digest: scenario.digest(),
@@ -124,7 +124,7 @@ impl<L: Learner> Training<L> {
     }
 
     fn assemble(
-        progress: Progress,
+        progress: TrainingProgress,
         learner: L,
         replay: Replay,
         scenario: Scenario,
@@ -151,7 +151,7 @@ impl<L: Learner> Training<L> {
     }
 
     /// Returns the progress of the run.
-    pub fn progress(&self) -> &Progress {
+    pub fn progress(&self) -> &TrainingProgress {
         &self.progress
     }
 
@@ -160,7 +160,7 @@ impl<L: Learner> Training<L> {
     ///
     /// # Errors
     /// Fails if a loss diverges or if a file cannot be written.
-    pub fn run(mut self, show_progress: bool) -> anyhow::Result<Progress> {
+    pub fn run(mut self, show_progress: bool) -> anyhow::Result<TrainingProgress> {
         let settings = self.progress.settings.clone();
         let mut events = EventWriter::create(&self.directory)?;
         let bar = progress_bar(&self.progress, show_progress);
@@ -187,7 +187,7 @@ impl<L: Learner> Training<L> {
             let environments = self.rollout.environments();
             for (index, environment) in environments.iter().enumerate() {
                 let last = index + 1 == environments.len();
-                let row = Row::new(
+                let row = MetricsRow::new(
                     before + index as u32 + 1,
                     self.progress.global_step,
                     environment.episode(),

@@ -16,13 +16,13 @@ use trainer::{
     learner::Learner,
     onnx,
     sac::Sac,
-    settings::{Algorithm, Preset, Settings},
+    settings::{Algorithm, Preset, TrainingSettings},
 };
 
 /// Returns an untrained policy of full size.
 fn actor(name: &str) -> Actor {
     let scenario = Scenario::shipped(name).expect("shipped");
-    let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 3);
+    let settings = TrainingSettings::preset(Preset::Paper, Algorithm::Sac, 3);
     let environment = Environment::new(scenario.mission.clone(), &settings.environment_settings());
     let mut rng = Pcg64Mcg::seed_from_u64(3);
     let learner = Sac::new(&settings, environment.dimensions(), &mut rng);

@@ -25,10 +25,10 @@ use crate::{
 };
 
 /// The number of schedules in a mission.
-const EACH: u64 = 20;
+const SCHEDULES_EACH: u64 = 20;
 
 /// The counter that host-sim increments once per schedule.
-const IN_ORDER: &str = "resynchronised at the first clean frame";
+const RECOVERED: &str = "resynchronized at the first clean frame";
 
 type Tally = BTreeMap<String, u64>;
 
@@ -53,16 +53,16 @@ pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let host = hil::host(root, &arguments.build)?;
     let begun = Instant::now();
-    let missions = arguments.schedules.div_ceil(EACH);
+    let missions = arguments.schedules.div_ceil(SCHEDULES_EACH);
     let next = AtomicU64::new(0);
-    let crew = || {
+    let worker = || {
         let mut total = Tally::new();
         loop {
             let mission = next.fetch_add(1, Ordering::Relaxed);
             if mission >= missions {
                 return Ok(total);
             }
-            let schedules = EACH.min(arguments.schedules - mission * EACH);
+            let schedules = SCHEDULES_EACH.min(arguments.schedules - mission * SCHEDULES_EACH);
             let seed = arguments.seed.wrapping_add(mission);
             for (what, count) in fly(root, (&host, &images), arguments, (seed, schedules))? {
                 *total.entry(what).or_default() += count;
@@ -71,10 +71,10 @@ pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
     };
     let mut total = Tally::new();
     thread::scope(|scope| {
-        let crews = thread::available_parallelism().map_or(1, |cores| cores.get().min(8));
-        let crews: Vec<_> = (0..crews).map(|_| scope.spawn(crew)).collect();
-        for crew in crews {
-            let flown: Result<Tally> = crew
+        let workers = thread::available_parallelism().map_or(1, |cores| cores.get().min(8));
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
+        for worker in workers {
+            let flown: Result<Tally> = worker
                 .join()
                 .map_err(|_| anyhow::anyhow!("a thread panicked"))?;
             for (what, count) in flown? {
@@ -88,7 +88,7 @@ pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
     }
     let of = |what: &str| total.get(what).copied().unwrap_or(0);
     ensure!(
-        of("schedules") == arguments.schedules && of(IN_ORDER) == arguments.schedules,
+        of("schedules") == arguments.schedules && of(RECOVERED) == arguments.schedules,
         "not every one of the {} schedules was completed and recovered from",
         arguments.schedules
     );

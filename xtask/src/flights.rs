@@ -3,8 +3,8 @@
 //!
 //! A flight is a folder under `docs/flights` with the `summary.json` of the run, as it was written,
 //! and a `flight.json` with the data that a summary does not contain: the autopilot and its
-//! version, the airframe, the wind, the commit of the product, the date, the exit code, and the
-//! total of the ideal flight.
+//! version, the airframe, the wind, the commit and date of host-sim, the exit code, and the sum rate
+//! of the ideal flight.
 
 use std::{
     collections::BTreeMap,
@@ -60,12 +60,14 @@ type Kind = [String; 7];
 
 /// The properties of one flight that the table contains.
 struct Flight {
-    /// The fraction of the ideal flight's total.
-    share: f64,
-    total: f64,
+    /// The fraction of the ideal flight's sum rate.
+    fraction: f64,
+    /// The sum rate, bit/s/Hz.
+    sum_rate: f64,
     arrived: bool,
+    /// The distance from the last position to the destination, metres.
     away_m: f64,
-    constraints_broken: f64,
+    violations: f64,
     exit_code: f64,
 }
 
@@ -83,8 +85,9 @@ fn table(folder: &Path) -> Result<String> {
         kinds.entry(kind).or_default().push(flight);
     }
     let mut table = String::from(
-        "| autopilot | mission | policy | wind | airframe | product | date | flights | total | of \
-         the ideal flight's | arrived, at most | constraints broken | exit code 0 |\n\
+        "| autopilot | mission | policy | wind | airframe | version | date | flights | sum rate \
+         (bit/s/Hz) | fraction of the ideal flight's | arrived, largest distance | violated \
+         constraints | exit code 0 |\n\
          |---|---|---|---|---|---|---|--:|--:|--:|--:|--:|--:|\n",
     );
     for (kind, flights) in kinds {
@@ -109,12 +112,12 @@ fn row(kind: &Kind, flights: &[Flight]) -> String {
     };
     let all = flights.len();
     let away_m = flights.iter().map(|flight| flight.away_m);
-    let broken: f64 = flights.iter().map(|flight| flight.constraints_broken).sum();
+    let violations: f64 = flights.iter().map(|flight| flight.violations).sum();
     format!(
-        "| {} | {all} | {} | {} | {} of {all}, {:.0} m | {broken} | {} of {all} |\n",
+        "| {} | {all} | {} | {} | {} of {all}, {:.0} m | {violations} | {} of {all} |\n",
         kind.join(" | "),
-        range(|flight| flight.total, 2),
-        range(|flight| flight.share, 3),
+        range(|flight| flight.sum_rate, 2),
+        range(|flight| flight.fraction, 3),
         count(|flight| flight.arrived),
         away_m.fold(0.0, f64::max),
         count(|flight| flight.exit_code == 0.0),
@@ -135,7 +138,7 @@ fn read(folder: &Path) -> Result<(Kind, Flight)> {
         let value = of[name].as_f64();
         value.with_context(|| format!("{name} is missing"))
     };
-    let total = number(&summary, "sum_rate")?;
+    let sum_rate = number(&summary, "sum_rate")?;
     let kind = [
         text(&flight, "autopilot")?,
         text(&summary, "scenario")?,
@@ -152,11 +155,11 @@ fn read(folder: &Path) -> Result<(Kind, Flight)> {
     Ok((
         kind,
         Flight {
-            share: total / number(&flight, "ideal")?,
-            total,
+            fraction: sum_rate / number(&flight, "ideal")?,
+            sum_rate,
             arrived: summary["arrived"].as_bool().context("arrived is missing")?,
             away_m: number(&summary, "arrival_distance_m")?,
-            constraints_broken: number(&summary, "constraint_violations")?,
+            violations: number(&summary, "constraint_violations")?,
             exit_code: number(&flight, "exit_code")?,
         },
     ))

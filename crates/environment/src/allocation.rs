@@ -1,4 +1,4 @@
-//! `--inner`: how the powers of a slot are chosen in a flight.
+//! `--inner`: the method that allocates the powers of a slot in a flight.
 
 use std::{fmt, str::FromStr};
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use scenario::HostMission;
 
-/// A choice as written on the command line.
+/// A method as written on the command line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Allocation {
@@ -29,10 +29,10 @@ pub enum Allocation {
 }
 
 impl Allocation {
-    /// Whether a mission allows it: fixed powers lie within the mission's limits.
+    /// Checks that fixed powers are within the mission's limits.
     ///
     /// # Errors
-    /// A power above its limit, with both values.
+    /// Returns a message with the power and its limit if the power is above it.
     pub fn check(self, mission: &HostMission) -> Result<(), String> {
         let p = mission.parameters();
         let (power, limit, what) = match self {
@@ -50,7 +50,7 @@ impl Allocation {
         ))
     }
 
-    /// The method for a mission.
+    /// Returns the method for a mission.
     pub fn method<T: Scalar, const M: usize, const J: usize>(
         self,
         mission: &Mission<T, M, J>,
@@ -78,7 +78,7 @@ impl FromStr for Allocation {
                 Ok(watts) if watts.is_finite() && watts > 0.0 => (name, Some(watts)),
                 _ => {
                     return Err(format!(
-                        "power `{power}`, but must be a number of watts above 0"
+                        "the power is `{power}`, but must be a number of watts above 0"
                     ));
                 }
             },

@@ -192,7 +192,7 @@ impl<T: Scalar> Environment<T> {
         &self.state.episode
     }
 
-    /// Writes the normalized observation into `state`, which must hold `M + 4` numbers. Before the
+    /// Writes the normalized observation into `state`, which must hold [`Dimensions::observation`] numbers. Before the
     /// first slot, rate and MSE are 0.
     pub fn observe(&self, state: &mut [f32]) {
         let mut raw = [T::zero(); state_len(USERS_MAX)];
@@ -214,10 +214,10 @@ impl<T: Scalar> Environment<T> {
     /// after slot `N`.
     pub fn admissible(&self) -> UserSet {
         let users = self.mission.user_count();
-        let everybody = UserSet::MAX >> (UserSet::BITS - users as u32);
+        let all = UserSet::MAX >> (UserSet::BITS - users as u32);
         if self.constraints == Constraints::Penalty || self.state.slots_done == self.mission.slots()
         {
-            return everybody;
+            return all;
         }
         (0..users)
             .filter(|&user| self.state.fairness.admits(user))

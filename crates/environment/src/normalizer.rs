@@ -1,6 +1,6 @@
 //! Size and scaling of the observation.
 
-use firmware_core::{Mission, SENSORS_MAX, Scalar, USERS_MAX};
+use firmware_core::{Mission, SENSORS_MAX, Scalar, USERS_MAX, policy::STATE_EXTRA};
 use serde::{Deserialize, Serialize};
 
 /// Sizes of the learning problem.
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Dimensions {
     /// Number of users, `M`.
     pub users: usize,
-    /// Length of the observation, `M + 4`.
+    /// Length of the observation: [`state_len`](firmware_core::policy::state_len) of the users.
     pub observation: usize,
 }
 
@@ -28,13 +28,14 @@ impl Normalizer {
     pub fn of_mission<T: Scalar>(mission: &Mission<T, USERS_MAX, SENSORS_MAX>) -> Self {
         let p = mission.parameters();
         // The full scale of every component: [0, full] becomes [-1, 1].
-        let full = std::iter::repeat_n(f64::from(mission.quota().max(1)), mission.user_count())
-            .chain([
-                mission.slot_rate_limit().to_f64(),
-                p.mse_threshold.to_f64(),
-                p.area.east_m.to_f64(),
-                p.area.north_m.to_f64(),
-            ]);
+        let counts = std::iter::repeat_n(f64::from(mission.quota().max(1)), mission.user_count());
+        let rest: [f64; STATE_EXTRA] = [
+            mission.slot_rate_limit().to_f64(),
+            p.mse_threshold.to_f64(),
+            p.area.east_m.to_f64(),
+            p.area.north_m.to_f64(),
+        ];
+        let full = counts.chain(rest);
         let (offset, scale) = full
             .map(|full| ((full / 2.0) as f32, (2.0 / full) as f32))
             .unzip();

@@ -1,5 +1,5 @@
-//! Maps values to positions in a drawing: scales with readable ticks, the slot axis, and the panel
-//! of figures over slots.
+//! Maps values to positions in a drawing: scales with readable ticks, horizontal axes, the slot
+//! axis, panels with a vertical axis, and legends.
 
 use crate::{
     markup::{Element, element, label, line, rectangle},
@@ -12,6 +12,8 @@ pub const WIDTH: f64 = 560.0;
 pub const LEFT: f64 = 66.0;
 /// The right end of panels.
 pub const RIGHT: f64 = WIDTH - 18.0;
+/// The distance of the middle of a vertical axis's title from the axis.
+const TITLE_DISTANCE: f64 = 52.0;
 /// The number of slots above which figures have no hover areas and the page has no table of slots.
 pub const DETAILED_SLOTS_MAX: usize = 2_000;
 
@@ -218,9 +220,29 @@ impl SlotAxis {
     }
 }
 
-/// A rectangle with a vertical axis.
+/// Draws a horizontal axis below an area between `top` and `bottom`: about this many vertical grid
+/// lines with their numbers, and the title of the axis below them.
+pub fn horizontal(scale: &Scale, [top, bottom]: [f64; 2], about: usize, title: &str) -> Element {
+    let mut group = element("g");
+    for tick in scale.ticks(about) {
+        let x = scale.at(tick.value);
+        group.push(line("grid", [x, top], [x, bottom]));
+        group.push(label("tick middle", [x, bottom + 16.0], tick.label));
+    }
+    group.with(label(
+        "axis middle",
+        [f64::midpoint(scale.from_px, scale.to_px), bottom + 33.0],
+        title.to_owned(),
+    ))
+}
+
+/// A rectangle with a vertical axis at its left.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel {
+    /// The left end, at which the axis is.
+    pub left: f64,
+    /// The right end.
+    pub right: f64,
     /// The upper end.
     pub top: f64,
     /// The lower end.
@@ -236,46 +258,60 @@ impl Panel {
         let about = ((self.bottom - self.top) / 30.0).round().max(3.0);
         for tick in self.scale.ticks(about as usize) {
             let y = self.scale.at(tick.value);
-            group.push(line("grid", [LEFT, y], [RIGHT, y]));
-            group.push(label("tick end", [LEFT - 7.0, y + 4.0], tick.label));
+            group.push(line("grid", [self.left, y], [self.right, y]));
+            group.push(label("tick end", [self.left - 7.0, y + 4.0], tick.label));
         }
-        let middle = (self.top + self.bottom) / 2.0;
+        let [x, middle] = [
+            self.left - TITLE_DISTANCE,
+            f64::midpoint(self.top, self.bottom),
+        ];
         group.with(
-            label("axis middle", [14.0, middle], title.to_owned())
-                .set("transform", format!("rotate(-90 14 {middle})")),
+            label("axis middle", [x, middle], title.to_owned())
+                .set("transform", format!("rotate(-90 {x} {middle})")),
         )
     }
 
     /// Draws the base line.
     pub fn base(&self) -> Element {
-        line("edge", [LEFT, self.bottom], [RIGHT, self.bottom])
+        line("edge", [self.left, self.bottom], [self.right, self.bottom])
     }
 
     /// Draws a bound as a line across the panel.
     pub fn bound(&self, value: f64) -> Element {
         let y = self.scale.at(value);
-        line("bound", [LEFT, y], [RIGHT, y])
+        line("bound", [self.left, y], [self.right, y])
     }
 }
 
 /// An entry of a legend.
 #[derive(Clone, Debug)]
 pub struct Key {
-    /// The mark, drawn around the origin, about 18 wide.
+    /// The mark, drawn around the origin.
     pub mark: Element,
     /// The meaning of the mark.
     pub words: String,
 }
 
-/// Draws a row of legend entries from `x`, centred on `y`, with further rows `18` apart if
-/// necessary. Returns the legend and the `y` of the last row.
+/// Draws a legend between `left` and the right end of a figure, with marks that are 18 wide. See
+/// [`legend_within`].
 pub fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
+    legend_within(keys, [left, RIGHT + 8.0], y, 18.0)
+}
+
+/// Draws a row of legend entries between `left` and `right`, centred on `y`, with further rows `18`
+/// apart if necessary. Marks are `mark_width` wide. Returns the legend and the `y` of the last row.
+pub fn legend_within(
+    keys: Vec<Key>,
+    [left, right]: [f64; 2],
+    y: f64,
+    mark_width: f64,
+) -> (Element, f64) {
     let mut group = element("g");
     let [mut x, mut y] = [left, y];
     for key in keys {
         // Leaves enough space for the larger letters of a narrow screen.
-        let width = 24.0 + text_width(&key.words, 14.0);
-        if x > left && x + width > RIGHT + 8.0 {
+        let width = mark_width + 6.0 + text_width(&key.words, 14.0);
+        if x > left && x + width > right {
             x = left;
             y += 18.0;
         }
@@ -284,10 +320,10 @@ pub fn legend(keys: Vec<Key>, [left, y]: [f64; 2]) -> (Element, f64) {
                 .set("transform", format!("translate({x:.1} {y:.1})"))
                 .with(
                     element("g")
-                        .set("transform", "translate(9 0)")
+                        .set("transform", format!("translate({} 0)", mark_width / 2.0))
                         .with(key.mark),
                 )
-                .with(label("label", [23.0, 4.0], key.words)),
+                .with(label("label", [mark_width + 5.0, 4.0], key.words)),
         );
         x += width + 8.0;
     }
@@ -299,11 +335,16 @@ pub fn text_width(words: &str, size: f64) -> f64 {
     words.chars().count() as f64 * size * 0.56
 }
 
-/// Creates a figure: an accessible drawing that is `height` high.
+/// Creates a figure: an accessible drawing that is [`WIDTH`] wide and `height` high.
 pub fn figure(height: f64, title: &str, description: &str) -> Element {
+    figure_of_size([WIDTH, height], title, description)
+}
+
+/// Creates a figure of any size.
+pub fn figure_of_size([width, height]: [f64; 2], title: &str, description: &str) -> Element {
     element("svg")
         .set("xmlns", "http://www.w3.org/2000/svg")
-        .set("viewBox", format!("0 0 {WIDTH} {height:.0}"))
+        .set("viewBox", format!("0 0 {width:.0} {height:.0}"))
         .set("role", "img")
         .set("aria-label", format!("{title}. {description}"))
 }

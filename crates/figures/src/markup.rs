@@ -59,8 +59,8 @@ impl Element {
         self
     }
 
-    /// Adds a style sheet, a script or a drawing of this project as content, without escaping it. A
-    /// style sheet or script must not contain `<` or `&`.
+    /// Adds a style sheet or a script of this project as content, without escaping it. It must not
+    /// contain `<` or `&`.
     pub fn verbatim(mut self, text: impl Into<Cow<'static, str>>) -> Self {
         self.content.push(Node::Verbatim(text.into()));
         self
@@ -150,7 +150,7 @@ impl Display for Coordinate {
     }
 }
 
-/// The `d` attribute of a path, built from moves and lines.
+/// The `d` attribute of a path, built from moves, lines and circles.
 #[derive(Clone, Debug, Default)]
 pub struct PathData(String);
 
@@ -163,6 +163,19 @@ impl PathData {
     /// Draws a line to a point.
     pub fn line_to(&mut self, x: f64, y: f64) {
         self.command('L', x, y);
+    }
+
+    /// Draws a line back to the last point that was moved to.
+    pub fn close(&mut self) {
+        self.0.push('Z');
+    }
+
+    /// Draws a circle.
+    pub fn circle(&mut self, [x, y]: [f64; 2], radius: f64) {
+        self.move_to(x - radius, y);
+        let [r, d] = [Coordinate(radius), Coordinate(2.0 * radius)];
+        // Writing to a string cannot fail.
+        let _ = write!(self.0, "a{r} {r} 0 1 0 {d} 0a{r} {r} 0 1 0 -{d} 0Z");
     }
 
     fn command(&mut self, letter: char, x: f64, y: f64) {
@@ -180,8 +193,8 @@ impl PathData {
     }
 
     /// Returns the path as an element, which its class fills or strokes.
-    pub fn path(self, class: &'static str) -> Element {
-        element("path").class(class).set("d", self.0)
+    pub fn path(self, class: impl Into<Cow<'static, str>>) -> Element {
+        element("path").set("class", class).set("d", self.0)
     }
 }
 

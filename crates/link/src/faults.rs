@@ -1,6 +1,6 @@
 //! Fault injection for the ground link: bytes that are lost, flipped, inserted or repeated, cut
 //! frames, silence and floods; frames of another protocol version; states about another slot, with
-//! too few gains, or too late; gains that are invalid, and sensors and users that vanish.
+//! too few gains, or too late; gains that are invalid, and sensors and users that are not received.
 //!
 //! A [`FaultyLink`] is placed between the two ends: bytes go in and bytes come out, in both
 //! directions. It therefore works with an onboard computer in the same process and with one at the
@@ -116,7 +116,8 @@ pub enum Direction {
 pub struct Episode {
     /// The fault.
     pub fault: Fault,
-    /// The direction that is affected. Faults of messages always affect the way up.
+    /// The direction that is affected. Faults of messages always affect the direction to the
+    /// vehicle.
     pub direction: Direction,
     /// The first slot that is affected.
     pub from_slot: u32,

@@ -18,7 +18,9 @@ pub enum KeyError {
         error: std::io::Error,
     },
     /// Others than the owner can read or change the file.
-    #[error("key file {path}: mode {mode:03o} lets others in; it must be 600 or 400 (chmod 600)")]
+    #[error(
+        "key file {path}: mode {mode:03o} gives others access; it must be 600 or 400 (chmod 600)"
+    )]
     Permissions {
         /// The path of the file.
         path: String,

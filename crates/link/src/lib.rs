@@ -128,7 +128,7 @@ impl FromStr for LinkAddress {
             return Ok(Self::Builtin);
         }
         let Some((kind, rest)) = given.split_once(':') else {
-            return Err(error(format!("no link is called {given:?}")));
+            return Err(error(format!("{given:?} is not a kind of link")));
         };
         match kind {
             "udpout" => host_port(rest).map(Self::UdpOut).map_err(error),
@@ -141,14 +141,16 @@ impl FromStr for LinkAddress {
                 };
                 let rate = baud.parse().ok().filter(|rate| BAUDS.contains(rate));
                 let Some(baud) = rate else {
-                    return Err(error(format!("{baud:?} is no baud rate (1200 to 4000000)")));
+                    return Err(error(format!(
+                        "{baud:?} is not a baud rate (1200 to 4000000)"
+                    )));
                 };
                 Ok(Self::Serial {
                     device: device.to_owned(),
                     baud,
                 })
             }
-            other => Err(error(format!("no link is called {other:?}"))),
+            other => Err(error(format!("{other:?} is not a kind of link"))),
         }
     }
 }
@@ -165,7 +167,7 @@ fn host_port(text: &str) -> Result<HostPort, String> {
         return Err("the host is empty".into());
     }
     match port.parse() {
-        Ok(0) | Err(_) => Err(format!("{port:?} is no port (1 to 65535)")),
+        Ok(0) | Err(_) => Err(format!("{port:?} is not a port (1 to 65535)")),
         Ok(port) => Ok(HostPort {
             host: host.to_owned(),
             port,
@@ -313,14 +315,14 @@ mod tests {
     #[test]
     fn wrong_link_strings_say_what_would_be_right() {
         for (text, problem) in [
-            ("", "no link is called \"\""),
-            ("udp:1.2.3.4:5", "no link is called \"udp\""),
+            ("", "\"\" is not a kind of link"),
+            ("udp:1.2.3.4:5", "\"udp\" is not a kind of link"),
             ("udpout:127.0.0.1", "a host and a port are needed"),
             ("udpout::14550", "the host is empty"),
-            ("udpin:0.0.0.0:0", "\"0\" is no port"),
-            ("tcpout:localhost:99999", "\"99999\" is no port"),
+            ("udpin:0.0.0.0:0", "\"0\" is not a port"),
+            ("tcpout:localhost:99999", "\"99999\" is not a port"),
             ("serial:/dev/ttyACM0", "a device and a baud rate are needed"),
-            ("serial:/dev/ttyACM0:fast", "\"fast\" is no baud rate"),
+            ("serial:/dev/ttyACM0:fast", "\"fast\" is not a baud rate"),
         ] {
             let error = text.parse::<LinkAddress>().unwrap_err().to_string();
             assert!(error.contains(problem), "{error}");

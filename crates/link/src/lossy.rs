@@ -63,7 +63,7 @@ impl Channel {
     pub fn push(&mut self, now: Instant, frame: &[u8]) {
         let f = &self.faults;
         let is_cut = f.cut.is_some_and(|(from, to)| from <= now && now < to);
-        // Every random number is drawn for every frame, so that the fate of one frame does not
+        // Every random number is drawn for every frame, so that what happens to one frame does not
         // change that of the next.
         let mut draw = || self.random.random::<f64>();
         let (lost, twice, held, wrong) = (draw(), draw(), draw(), draw());

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::Scenario;
+use crate::Scenario;
 
 /// A scenario, by file or by name, and the parameters to change in it.
 #[derive(Clone, Debug, PartialEq, Args)]

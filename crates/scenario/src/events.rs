@@ -19,11 +19,13 @@
 
 use std::path::Path;
 
-use files::input;
 use firmware_core::{Position, Watt, controller::DatedChange, mission::MissionChange};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
-use crate::{HostMission, ScenarioError, one_line};
+use crate::{
+    HostMission,
+    file::{self, ScenarioError, optional_pair},
+};
 
 /// The events of a mission, in the order of their slots.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,20 +33,21 @@ pub struct Events {
     changes: Vec<DatedChange<f64>>,
 }
 
-#[derive(Deserialize, Serialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct EventFile {
     #[serde(default)]
     event: Vec<Event>,
 }
 
-#[derive(Clone, Debug, Default, Deserialize, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Event {
     slot: u32,
     user: Option<u16>,
     sensor: Option<u16>,
-    position_m: Option<Vec<f64>>,
+    #[serde(default, deserialize_with = "optional_pair")]
+    position_m: Option<[f64; 2]>,
     leaves: Option<bool>,
     mse_threshold: Option<f64>,
     noise_dbm: Option<f64>,
@@ -54,14 +57,10 @@ struct Event {
 
 impl Event {
     fn change(&self) -> Result<MissionChange<f64>, String> {
-        let place = || match (self.position_m.as_deref(), self.leaves) {
-            (Some(&[east_m, north_m]), None | Some(false)) => {
+        let place = || match (self.position_m, self.leaves) {
+            (Some([east_m, north_m]), None | Some(false)) => {
                 Ok(Some(Position::new(east_m, north_m)))
             }
-            (Some(numbers), None | Some(false)) => Err(format!(
-                "position_m has {} numbers, but must have two: east and north in metres",
-                numbers.len()
-            )),
             (None, Some(true)) => Ok(None),
             _ => Err("must have either position_m or leaves = true".to_owned()),
         };
@@ -82,7 +81,9 @@ impl Event {
             && self.sensor.is_none()
             && (self.position_m.is_some() || self.leaves.is_some())
         {
-            return Err("position_m and leaves need user or sensor beside them".into());
+            return Err(
+                "position_m and leaves need the key user or sensor in the same event".into(),
+            );
         }
         changes.extend(self.mse_threshold.map(MissionChange::MseThreshold));
         let noise = self.noise_dbm.map(Watt::from_dbm);
@@ -106,12 +107,8 @@ impl Events {
     /// # Errors
     /// Returns an error that names the file, the event, the field and what is allowed.
     pub fn load(path: &Path, mission: &HostMission) -> Result<Self, ScenarioError> {
-        let fail = |problem: String| ScenarioError {
-            path: path.to_owned(),
-            problem,
-        };
-        let text = input::read_text(path).map_err(|error| fail(error.to_string()))?;
-        Self::parse(&text, mission).map_err(fail)
+        let text = file::read(path)?;
+        Self::parse(&text, mission).map_err(|problem| ScenarioError::new(path, problem))
     }
 
     /// Parses the content of a file of events, and checks that the mission stays valid.
@@ -119,9 +116,7 @@ impl Events {
     /// # Errors
     /// Returns an error that names the event, the field and what is allowed.
     pub fn parse(text: &str, mission: &HostMission) -> Result<Self, String> {
-        let table = toml::Deserializer::parse(text).map_err(|error| one_line(text, &error))?;
-        let file: EventFile = serde_path_to_error::deserialize(table)
-            .map_err(|error| format!("{}: {}", error.path(), one_line(text, error.inner())))?;
+        let file: EventFile = file::parse(text)?;
         let mut changes = Vec::new();
         for (index, event) in file.event.iter().enumerate() {
             let named = |problem| format!("event {} (slot {}): {problem}", index + 1, event.slot);
@@ -267,7 +262,7 @@ mod tests {
             ),
             (
                 "[[event]]\nslot = 9\nuser = 3\nposition_m = [1, 2, 3]\n",
-                "position_m has 3 numbers, but must have two",
+                "event[0].position_m: is [1.0, 2.0, 3.0], but must be two numbers: east and north in metres (line 4",
             ),
             (
                 "[[event]]\nslot = 9\nslots = 50\nnoise_dbm = -90\n",
@@ -275,7 +270,7 @@ mod tests {
             ),
             (
                 "[[event]]\nslot = 9\nleaves = true\n",
-                "need user or sensor beside them",
+                "need the key user or sensor",
             ),
             (
                 "[[event]]\nslot = 9\nuser = 17\nposition_m = [1, 1]\n",

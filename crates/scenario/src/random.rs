@@ -10,9 +10,11 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::rates::PlaceRates;
-use super::{
-    AircompTable, MissionTable, Origin, RadioTable, Scenario, ScenarioFile, Sensing, SensorsTable,
-    UsersTable,
+use crate::{
+    Scenario, Sensing,
+    mission_file::{
+        AircompTable, MissionTable, Origin, RadioTable, ScenarioFile, SensorsTable, UsersTable,
+    },
 };
 
 /// How users or sensors are distributed over the area.

@@ -6,13 +6,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use files::input;
 use firmware_core::Position;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use super::HostMission;
+use crate::{HostMission, file::table};
 
 /// The `[sensing]` table. All keys have defaults, which give the mean of a temperature field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +31,7 @@ pub struct Sensing {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements_csv: Option<PathBuf>,
     /// The field that is measured if no CSV file is given.
+    #[serde(deserialize_with = "table")]
     pub field: TemperatureField,
     /// The content of the CSV file, row by row.
     #[serde(skip)]
@@ -180,8 +182,8 @@ impl Sensing {
             .map_err(|problem| format!("sensing.measurements_csv: {}: {problem}", path.display()))
     }
 
-    /// Checks the measurements themselves, from whichever source: there must be a row for every
-    /// slot of the mission, and all values must be above 0 for a geometric mean.
+    /// Checks the measurements of a file or of the field: there must be a row for every slot of the
+    /// mission, and all values must be above 0 for a geometric mean.
     pub(super) fn check_measurements(&self, mission: &HostMission) -> Result<(), String> {
         let rows = self.measurements(mission);
         let slots = mission.slots() as usize;
@@ -216,12 +218,12 @@ impl Sensing {
 }
 
 fn read_csv(path: &Path, mission: &HostMission) -> Result<Vec<Vec<f64>>, String> {
+    let content = input::read(path).map_err(|error| error.to_string())?;
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
         .trim(csv::Trim::All)
-        .from_path(path)
-        .map_err(|error| error.to_string())?;
+        .from_reader(content.as_slice());
     let sensors = mission.sensor_count();
     let mut rows = Vec::new();
     for (index, record) in reader.records().enumerate() {

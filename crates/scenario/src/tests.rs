@@ -83,6 +83,72 @@ fn errors_name_field_value_and_what_is_right() {
     }
 }
 
+/// The `toml` crate would drop the superfluous values of a list.
+#[test]
+fn no_value_of_a_list_is_dropped() {
+    let whole = "but must be two numbers: east and north in metres";
+    let cases = [
+        (
+            "start_m = [50.0, 50.0]",
+            "start_m = [50.0, 50.0, 7.0]",
+            format!("mission.start_m: is [50.0, 50.0, 7.0], {whole} (line 4: `[50.0, 50.0, 7.0]`)"),
+        ),
+        (
+            "destination_m = [950.0, 950.0]",
+            "destination_m = [950.0]",
+            format!("mission.destination_m: is [950.0], {whole} (line 5: `[950.0]`)"),
+        ),
+        (
+            "area_m = [1000.0, 1000.0]",
+            "area_m = [1000.0, 1000.0, 120.0]",
+            format!("mission.area_m: is [1000.0, 1000.0, 120.0], {whole} (line 6"),
+        ),
+        (
+            "[385.9, 556.9]",
+            "[385.9, 556.9, 1.5]",
+            format!("users.positions_m[0]: is [385.9, 556.9, 1.5], {whole}"),
+        ),
+        (
+            "start_m = [50.0, 50.0]",
+            "start_m = [1, 2, 3, 4, 5, 6, 7, 8, 9]",
+            format!("mission.start_m: is a list of 9 numbers, {whole}"),
+        ),
+        (
+            "environment = { a = 9.613, b = 0.158 }",
+            "environment = [9.613, 0.158, 1.0]",
+            "radio.environment: invalid type: sequence, expected a table, each value with its name \
+             (line 13: `[9.613, 0.158, 1.0]`)"
+                .into(),
+        ),
+        (
+            "excess_loss_db = { los = 1.0, nlos = 20.0 }",
+            "excess_loss_db = [1.0, 20.0]",
+            "radio.excess_loss_db: invalid type: sequence, expected a table".into(),
+        ),
+        (
+            "field = { seed = 1, mean_c = 21.0, spread_c = 4.0, sensor_noise_c = 0.2 }",
+            "field = [1, 21.0, 4.0, 0.2, 5.0]",
+            "sensing.field: invalid type: sequence, expected a table".into(),
+        ),
+        (
+            "[origin]\nlatitude_deg = -35.363262\nlongitude_deg = 149.165237\nelevation_m = 584.0",
+            "",
+            "origin: invalid type: sequence, expected a table".into(),
+        ),
+    ];
+    let good = text();
+    for (old, new, expected) in cases {
+        assert!(good.contains(old), "{old} is not in\n{good}");
+        let mut wrong = good.replace(old, new);
+        if new.is_empty() {
+            wrong = format!("origin = [-35.4, 149.2, 584.0, 1.0]\n{wrong}");
+        }
+        let problem = problem(&wrong);
+        assert!(problem.starts_with(&expected), "{new}: {problem}");
+        assert!(!problem.contains('\n'), "{problem}");
+    }
+}
+
 #[test]
 fn the_controllers_capacity_is_a_limit() {
     let problem = generate(Topology::Mixed, 1, 15, SENSORS_MAX + 1).unwrap_err();
@@ -125,6 +191,16 @@ fn measurements_come_from_the_csv() {
     assert!(short.contains("46 rows of measurements, but the mission has 47 slots"));
     fs::write(&data, "1,nan,3\n".repeat(47)).unwrap();
     let nan = Scenario::load(&path).unwrap_err().to_string();
+    #[cfg(unix)]
+    {
+        let endless = file.replace("data.csv", "/dev/zero");
+        fs::write(folder.path().join("endless.toml"), endless).unwrap();
+        let endless = Scenario::load(&folder.path().join("endless.toml")).unwrap_err();
+        assert!(
+            endless.to_string().contains("longer than 64 MiB"),
+            "{endless}"
+        );
+    }
     assert!(nan.contains("row 1, column 2 is `nan`, but must be a finite number"));
 }
 

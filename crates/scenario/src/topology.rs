@@ -9,9 +9,11 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    AircompTable, MissionTable, Origin, RadioTable, Scenario, ScenarioFile, Sensing, SensorsTable,
-    UsersTable,
+use crate::{
+    Scenario, Sensing,
+    mission_file::{
+        AircompTable, MissionTable, Origin, RadioTable, ScenarioFile, SensorsTable, UsersTable,
+    },
 };
 
 /// How users and sensors are placed relative to one another (the paper's Sec. VI).

@@ -20,6 +20,7 @@ mod mission_store;
 mod missions;
 mod parameters;
 mod profile;
+mod setpoints;
 mod settings;
 mod simulated;
 mod streams;

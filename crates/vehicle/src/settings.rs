@@ -48,7 +48,7 @@ pub struct VehicleSettings {
     /// The parameters that differ from the profile's defaults: name and value.
     pub parameters: Vec<(String, f32)>,
     /// If set, the vehicle signs its messages and requires signatures. Contains the key and the
-    /// initial time, microseconds since 1970, which [`Vehicle::set_signing_time`] advances.
+    /// initial time, microseconds since 1970, which [`Vehicle::set_signing_time`](super::Vehicle::set_signing_time) advances.
     pub signing: Option<(SigningKey, u64)>,
 }
 

@@ -1,19 +1,13 @@
 //! The messages that the vehicle sends regularly, and their intervals.
 
 use firmware_core::time::{Duration, Instant};
+use mavlink::MessageData;
+use mavlink::dialects::common::{
+    ATTITUDE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA,
+    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, SYS_STATUS_DATA,
+};
 
 use super::profile::Profile;
-
-pub(super) const HEARTBEAT: u32 = 0;
-pub(super) const SYS_STATUS: u32 = 1;
-pub(super) const ATTITUDE: u32 = 30;
-pub(super) const LOCAL_POSITION_NED: u32 = 32;
-pub(super) const GLOBAL_POSITION_INT: u32 = 33;
-pub(super) const GPS_GLOBAL_ORIGIN: u32 = 49;
-pub(super) const ESTIMATOR_STATUS: u32 = 230;
-pub(super) const EKF_STATUS_REPORT: u32 = 193;
-pub(super) const EXTENDED_SYS_STATE: u32 = 245;
-pub(super) const CURRENT_MODE: u32 = 436;
 
 /// One message that is sent regularly.
 #[derive(Clone, Copy, Debug)]
@@ -38,15 +32,15 @@ impl Streams {
     /// Returns the messages that the profile sends without being asked.
     pub(super) fn of(profile: Profile) -> Self {
         let second = Duration::from_secs(1);
-        let mut wanted = vec![(HEARTBEAT, second)];
+        let mut wanted = vec![(HEARTBEAT_DATA::ID, second)];
         if profile.sends_telemetry_unrequested() {
             wanted.extend([
-                (SYS_STATUS, second),
-                (ESTIMATOR_STATUS, second),
-                (EXTENDED_SYS_STATE, second),
-                (GLOBAL_POSITION_INT, second / 4),
-                (LOCAL_POSITION_NED, second / 4),
-                (ATTITUDE, second / 4),
+                (SYS_STATUS_DATA::ID, second),
+                (ESTIMATOR_STATUS_DATA::ID, second),
+                (EXTENDED_SYS_STATE_DATA::ID, second),
+                (GLOBAL_POSITION_INT_DATA::ID, second / 4),
+                (LOCAL_POSITION_NED_DATA::ID, second / 4),
+                (ATTITUDE_DATA::ID, second / 4),
             ]);
         }
         let stream = |(message, interval)| Stream {

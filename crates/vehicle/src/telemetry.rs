@@ -2,9 +2,10 @@
 
 use firmware_core::autopilot::frames::MapFrame;
 use firmware_core::autopilot::profile::Firmware;
-use firmware_core::autopilot::wire::MAX_FRAME;
+use firmware_core::autopilot::wire::{MAX_FRAME, ekf_status_report};
 use firmware_core::time::Instant;
 use firmware_core::{Displacement, Position};
+use mavlink::MessageData;
 use mavlink::dialects::common::{
     ATTITUDE_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
     EstimatorStatusFlags, GLOBAL_POSITION_INT_DATA, GPS_GLOBAL_ORIGIN_DATA, HEARTBEAT_DATA,
@@ -14,10 +15,6 @@ use mavlink::dialects::common::{
 };
 
 use super::simulated::{FlightMode, Vehicle};
-use super::streams::{
-    ATTITUDE, CURRENT_MODE, EKF_STATUS_REPORT, ESTIMATOR_STATUS, EXTENDED_SYS_STATE,
-    GLOBAL_POSITION_INT, GPS_GLOBAL_ORIGIN, HEARTBEAT, LOCAL_POSITION_NED, SYS_STATUS,
-};
 
 impl Vehicle {
     pub(super) fn transmit_due(&mut self, now: Instant) {
@@ -34,15 +31,15 @@ impl Vehicle {
         let time_boot_ms = sampled.millis_wrapping();
         let position_muted = self.faults.no_position || !self.has_position();
         match message {
-            HEARTBEAT => {
+            HEARTBEAT_DATA::ID => {
                 if !self.faults.no_heartbeat {
                     self.send_heartbeat();
                 }
             }
-            SYS_STATUS => self.send_sys_status(),
-            LOCAL_POSITION_NED if position_muted => {}
-            GLOBAL_POSITION_INT if position_muted => {}
-            LOCAL_POSITION_NED => {
+            SYS_STATUS_DATA::ID => self.send_sys_status(),
+            LOCAL_POSITION_NED_DATA::ID if position_muted => {}
+            GLOBAL_POSITION_INT_DATA::ID if position_muted => {}
+            LOCAL_POSITION_NED_DATA::ID => {
                 let frame = self.local_frame();
                 let (x, y) = frame.to_local(self.reported_position(sampled));
                 let velocity = self.body.velocity;
@@ -56,7 +53,7 @@ impl Vehicle {
                     vz: -self.body.climb_mps as f32,
                 }));
             }
-            GLOBAL_POSITION_INT => {
+            GLOBAL_POSITION_INT_DATA::ID => {
                 let place = self
                     .local_frame()
                     .to_geodetic(self.reported_position(sampled));
@@ -74,12 +71,12 @@ impl Vehicle {
                     hdg: 0,
                 }));
             }
-            ATTITUDE => self.send(&MavMessage::ATTITUDE(ATTITUDE_DATA {
+            ATTITUDE_DATA::ID => self.send(&MavMessage::ATTITUDE(ATTITUDE_DATA {
                 time_boot_ms,
                 ..ATTITUDE_DATA::DEFAULT
             })),
-            GPS_GLOBAL_ORIGIN if !self.is_ready() => return false,
-            GPS_GLOBAL_ORIGIN => {
+            GPS_GLOBAL_ORIGIN_DATA::ID if !self.is_ready() => return false,
+            GPS_GLOBAL_ORIGIN_DATA::ID => {
                 let origin = self.local_origin();
                 self.send(&MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA {
                     latitude: origin.latitude_e7,
@@ -88,7 +85,9 @@ impl Vehicle {
                     time_usec: now.as_micros(),
                 }));
             }
-            ESTIMATOR_STATUS if self.firmware.estimator_message() == ESTIMATOR_STATUS => {
+            ESTIMATOR_STATUS_DATA::ID
+                if self.firmware.estimator_message() == ESTIMATOR_STATUS_DATA::ID =>
+            {
                 let flags = self.estimator_flags();
                 self.send(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
                     time_usec: now.as_micros(),
@@ -97,7 +96,7 @@ impl Vehicle {
                     ..ESTIMATOR_STATUS_DATA::DEFAULT
                 }));
             }
-            EKF_STATUS_REPORT if self.firmware.estimator_message() == EKF_STATUS_REPORT => {
+            ekf_status_report::ID if self.firmware.estimator_message() == ekf_status_report::ID => {
                 let mut buffer = [0; MAX_FRAME];
                 let flags = self.estimator_flags();
                 let frame = self
@@ -106,7 +105,7 @@ impl Vehicle {
                     .to_vec();
                 self.enqueue(frame);
             }
-            EXTENDED_SYS_STATE => {
+            EXTENDED_SYS_STATE_DATA::ID => {
                 let landed_state = if self.body.is_on_ground() {
                     MavLandedState::MAV_LANDED_STATE_ON_GROUND
                 } else {
@@ -117,7 +116,7 @@ impl Vehicle {
                     landed_state,
                 }));
             }
-            CURRENT_MODE if self.behavior().reports_current_mode => {
+            CURRENT_MODE_DATA::ID if self.behavior().reports_current_mode => {
                 let custom_mode = self.custom_mode(self.mode);
                 self.send(&MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
                     custom_mode,
@@ -222,7 +221,9 @@ impl Vehicle {
     /// Returns the time at which the content of a message was measured.
     fn sampled(&mut self, now: Instant, message: u32) -> Instant {
         match message {
-            LOCAL_POSITION_NED | GLOBAL_POSITION_INT | ATTITUDE => self.timing.sampled(now),
+            LOCAL_POSITION_NED_DATA::ID | GLOBAL_POSITION_INT_DATA::ID | ATTITUDE_DATA::ID => {
+                self.timing.sampled(now)
+            }
             _ => now,
         }
     }

@@ -5,62 +5,72 @@ use super::command::{Pending, Request};
 use super::event::{Event, Events};
 use super::failsafe::Cause;
 use super::frames::MapFrame;
-use super::guidance::{Limits, Motion};
-use super::leg::{Leg, LegEnd, LegError};
+use super::guidance::Limits;
+use super::leg::LegEnd;
 use super::phase::{Obstacle, Phase};
 use super::preflight::PreflightRefusal;
 use super::profile::{Firmware, Mode};
 use super::settings::{AutopilotSettings, SettingsError};
-use super::state::{ActiveLeg, LagEstimate, Stream, TakeoffSite, TelemetryRequests, Trial};
+use super::state::{ActiveLeg, LagEstimate, PhaseState, Stream, TakeoffSite, TelemetryRequests};
 use super::telemetry::{Sample, Telemetry};
 use super::wire::Address;
 use crate::scalar::Scalar;
-use crate::time::{Duration, Instant};
-
-/// The largest fraction of the mission's speed that the reference of a leg has: a vehicle that is
-/// behind catches up by getting closer to it, not by flying further in a slot than allowed.
-const LEG_SPEED: f64 = 0.985;
+use crate::time::Instant;
 
 /// The MAVLink client. About 8 kB; see the module's documentation.
+///
+/// What exists in one phase only is in `state`. The other fields are needed in several phases, or
+/// outlive a phase that can end at any time.
 #[derive(Clone, Debug)]
 pub struct Autopilot<T: Scalar> {
     pub(super) settings: AutopilotSettings<T>,
     pub(super) map: MapFrame<T>,
-    pub(super) phase: Phase,
+    pub(super) state: PhaseState<T>,
     pub(super) phase_since: Instant,
     pub(super) vehicle: Option<(Address, Firmware)>,
     pub(super) telemetry: Telemetry<T>,
     pub(super) heartbeat_due: Instant,
+    /// The command that is being sent, from [`Phase::Checking`] to the end of the flight.
     pub(super) pending: Option<Pending>,
-    /// The requests for telemetry of [`Phase::Checking`].
+    /// The requests for telemetry, continued when the checks fall back from [`Phase::Standby`] to
+    /// [`Phase::Checking`].
     pub(super) requests: TelemetryRequests,
+    /// The condition that the checks waited for last. It is kept for the report of a start that
+    /// fails.
     pub(super) obstacle: Option<Obstacle>,
     pub(super) parameter_manager: ParameterManager,
     /// The limits of the vehicle: the settings' limits within those of the parameters.
     pub(super) limits: Limits<T>,
     /// The speed that the airframe reaches, as configured or as measured by the trial leg, m/s.
     pub(super) airframe_mps: Option<T>,
-    pub(super) trial: Option<Trial<T>>,
     /// The limits that the vehicle's parameters impose.
     pub(super) parameter_limits: Limits<T>,
+    /// The caller wants to start. It may say so before the first heartbeat, and the checks may
+    /// fall back to an earlier phase.
     pub(super) launch: bool,
-    /// The command of the present phase: the time of the request, and whether it was accepted.
-    pub(super) asked: Option<(Instant, bool)>,
     /// The vehicle has been in the air.
     pub(super) flown: bool,
-    /// The mode that we set and that a heartbeat has confirmed.
+    /// The mode that we set and that a heartbeat has confirmed. Control lasts from
+    /// [`Phase::Arming`] to the landing, which has a mode of its own.
     pub(super) holds: Option<Mode>,
-    /// The command that started the landing.
-    pub(super) landing_by: Option<Request>,
+    /// The place of take-off, from which heights are measured until the landing.
     pub(super) site: TakeoffSite<T>,
+    /// The setpoints. They are sent from [`Phase::TakingControl`] until the landing is accepted.
     pub(super) stream: Option<Stream<T>>,
+    /// The estimate improves from leg to leg.
     pub(super) lag: LagEstimate<T>,
+    /// The last leg. Its end is asked for after [`Phase::Leg`].
     pub(super) leg: Option<ActiveLeg<T>>,
+    /// The number of the latest legs, without interruption, in which the vehicle did not move.
     pub(super) ignored_legs: u8,
+    /// The time at which the ground was last heard, over all legs.
     pub(super) ground_heard: Option<Instant>,
+    /// The first failure, kept for the report.
     pub(super) fault: Option<Cause>,
     /// The reason why the start was refused.
     pub(super) refusal: Option<PreflightRefusal>,
+    /// The autopilot is not heard. Any phase with the motors armed can be interrupted by this, and
+    /// the phase decides what happens when the autopilot is heard again.
     pub(super) silent: bool,
     /// Parameters are restored even if the motors turn.
     pub(super) restore_now: bool,
@@ -79,9 +89,8 @@ impl<T: Scalar> Autopilot<T> {
             limits: settings.limits,
             parameter_limits: Limits::ideal(),
             airframe_mps: settings.airframe_speed_mps,
-            trial: None,
             settings,
-            phase: Phase::Connecting,
+            state: PhaseState::Connecting,
             phase_since: Instant::ZERO,
             vehicle: None,
             telemetry: Telemetry::new(),
@@ -91,10 +100,8 @@ impl<T: Scalar> Autopilot<T> {
             obstacle: None,
             parameter_manager: ParameterManager::default(),
             launch: false,
-            asked: None,
             flown: false,
             holds: None,
-            landing_by: None,
             site: TakeoffSite::new(),
             stream: None,
             lag: LagEstimate::new(),
@@ -118,7 +125,7 @@ impl<T: Scalar> Autopilot<T> {
 
     /// Returns the phase of the flight.
     pub fn phase(&self) -> Phase {
-        self.phase
+        self.state.phase()
     }
 
     /// Returns the first failure of the flight, if there was one.
@@ -181,7 +188,7 @@ impl<T: Scalar> Autopilot<T> {
             return Err(SettingsError::Limits);
         }
         if matches!(
-            self.phase,
+            self.phase(),
             Phase::Connecting | Phase::Checking | Phase::Standby
         ) {
             self.settings.limits = limits;
@@ -253,76 +260,6 @@ impl<T: Scalar> Autopilot<T> {
         self.advance(now);
     }
 
-    /// Flies to `leg.waypoint`, to arrive there at `leg.end`.
-    ///
-    /// # Errors
-    /// Returns an error if the vehicle is not ready for a leg, if the waypoint is not finite or
-    /// outside the geofence, or if the vehicle's clock is not known.
-    pub fn fly_leg(&mut self, now: Instant, leg: Leg<T>) -> Result<(), LegError> {
-        self.advance(now);
-        if !matches!(self.phase, Phase::Ready | Phase::LegEnded) {
-            return Err(LegError::Phase(self.phase));
-        }
-        let Some((sample, stream)) = self.telemetry.sample.zip(self.stream.as_mut()) else {
-            return Err(LegError::Phase(self.phase));
-        };
-        if !(leg.waypoint.x.finite() && leg.waypoint.y.finite()) {
-            return Err(LegError::NotFinite);
-        }
-        let (x, y) = (leg.waypoint.x.to_f64(), leg.waypoint.y.to_f64());
-        if let Some(fence) = &self.settings.geofence
-            && !fence.contains(&leg.waypoint, T::zero())
-        {
-            return Err(LegError::OutsideFence { x, y });
-        }
-        let Some(vehicle_now) = self.telemetry.clock.vehicle_time(now) else {
-            return Err(LegError::NoClock);
-        };
-        // A leg that is over, or nearly, when it is decided cannot be flown any more: the vehicle
-        // continues its motion, and the slot still ends at its tick. An ideal vehicle reaches its
-        // waypoint at once, so it is never too late.
-        let mut reference_end = None;
-        let flyable = leg.end > vehicle_now + self.settings.setpoint_interval / 2;
-        if flyable || self.limits.is_ideal() {
-            // A sample is some time old: the vehicle has flown on since.
-            let measured = sample.extrapolated(vehicle_now);
-            let measured = Motion {
-                velocity: sample.velocity,
-                ..Motion::at_rest(measured.position)
-            };
-            let tolerance = self.settings.lag_tolerance_m;
-            // A vehicle that follows late reaches the waypoint in time if the reference is ahead.
-            let way = leg.waypoint - sample.position;
-            let slot_s = T::of((leg.end - sample.time).as_secs_f64());
-            let aim = leg.waypoint + way * (self.lag.time_s / slot_s.max(self.lag.time_s.abs()));
-            if !self.limits.is_ideal() {
-                let speed_mps = self.settings.transit_speed_mps * T::of(LEG_SPEED);
-                stream.guide.set_limits(Limits {
-                    speed_mps: self.limits.speed_mps.min(speed_mps),
-                    ..self.limits
-                });
-            }
-            stream
-                .guide
-                .fly_leg(vehicle_now, leg.end, aim, measured, tolerance);
-            stream.due = now;
-            reference_end = Some(stream.guide.target());
-        }
-        // The ground link is supervised from the first leg on.
-        self.ground_heard.get_or_insert(now);
-        self.leg = Some(ActiveLeg {
-            waypoint: leg.waypoint,
-            end: leg.end,
-            from: sample.position,
-            reference_end,
-            final_sent: !flyable && !self.limits.is_ideal(),
-            confirmed: None,
-            ended: None,
-        });
-        self.enter(now, Phase::Leg);
-        Ok(())
-    }
-
     /// Returns how the last leg ended, once it has.
     pub fn leg_ended(&mut self, now: Instant) -> Option<LegEnd<T>> {
         self.advance(now);
@@ -343,15 +280,6 @@ impl<T: Scalar> Autopilot<T> {
     /// does nothing if the flight has not begun or someone else has control.
     pub fn stop(&mut self, now: Instant) {
         self.fail(now, Cause::StopAsked);
-    }
-
-    /// Returns how long the autopilot's heartbeat may be missing: twice as long where it always
-    /// comes once a second, because a bad link sometimes loses several in a row.
-    fn heartbeat_patience(&self) -> Duration {
-        let steady = self
-            .vehicle
-            .is_some_and(|(_, firmware)| !firmware.sends_heartbeats_on_request());
-        self.settings.watch.heartbeat * if steady { 2 } else { 1 }
     }
 
     /// Returns whether all parameters that were set for the flight have been restored, or none was
@@ -379,40 +307,6 @@ impl<T: Scalar> Autopilot<T> {
     /// exit.
     pub fn restore_now(&mut self) {
         self.restore_now = true;
-    }
-
-    /// Returns whether a landing was requested and the autopilot has not started it yet. A caller
-    /// that exits before then would leave the vehicle without a command.
-    pub fn awaits_landing(&self) -> bool {
-        let ours = self.vehicle.map(|(_, firmware)| firmware.control_mode());
-        self.phase == Phase::Landing && self.telemetry.armed && self.holds == ours
-    }
-
-    /// Returns the time since the last heartbeat of the autopilot, or `None` before the first one.
-    pub fn heartbeat_age(&self, now: Instant) -> Option<Duration> {
-        Some(now - self.telemetry.heartbeat_came?)
-    }
-
-    /// Returns whether the autopilot has not been heard for [`super::failsafe::Watch::heartbeat`]: the
-    /// link, or the autopilot, does not work at present.
-    pub fn is_link_silent(&self, now: Instant) -> bool {
-        self.was_silent_for(now, Duration::ZERO)
-    }
-
-    /// Returns whether the silence has lasted for [`super::failsafe::Watch::link_dead`] longer than that.
-    pub fn is_link_dead(&self, now: Instant) -> bool {
-        self.was_silent_for(now, self.settings.watch.link_dead)
-    }
-
-    /// Returns whether the link has counted as silent for `duration`: no heartbeat was received,
-    /// or, once positions are received, nothing at all.
-    fn was_silent_for(&self, now: Instant, duration: Duration) -> bool {
-        let Some(age) = self.heartbeat_age(now) else {
-            return false;
-        };
-        let nothing = self.telemetry.sample.is_some()
-            && now - self.telemetry.heard > self.settings.watch.heartbeat + duration;
-        nothing || age > self.heartbeat_patience() + duration
     }
 
     /// Gives up restoring parameters. An event for each parameter states its original value.

@@ -16,7 +16,7 @@ use crate::time::Duration;
 pub enum Cause {
     /// No heartbeat of the autopilot was received.
     HeartbeatLost,
-    /// No heartbeat was received for long after it was lost.
+    /// No heartbeat was received for a long time after [`Cause::HeartbeatLost`].
     LinkDead,
     /// No position sample was received.
     PositionLost,
@@ -74,9 +74,9 @@ pub struct FailsafeRow {
 pub static TABLE: [FailsafeRow; 15] = [
     FailsafeRow {
         cause: Cause::HeartbeatLost,
-        detected: "no heartbeat of the latched autopilot for `heartbeat` (5 s; with PX4, which sends one a second, 10 s), or nothing at all for 5 s",
+        detected: "no heartbeat of the selected autopilot for `heartbeat` (5 s; with PX4, which sends one a second, 10 s), or nothing at all for 5 s",
         reaction: Reaction::Silence,
-        ends: "the autopilot's own link failsafe; if it is heard again and still ours, NAV_LAND",
+        ends: "the autopilot's own link failsafe; if it is heard again, still in our mode: NAV_LAND",
     },
     FailsafeRow {
         cause: Cause::LinkDead,
@@ -110,7 +110,7 @@ pub static TABLE: [FailsafeRow; 15] = [
     },
     FailsafeRow {
         cause: Cause::Disarmed,
-        detected: "a heartbeat that is not armed while flying",
+        detected: "a heartbeat in flight that reports disarmed motors",
         reaction: Reaction::Release,
         ends: "on the ground",
     },
@@ -158,7 +158,7 @@ pub static TABLE: [FailsafeRow; 15] = [
     },
     FailsafeRow {
         cause: Cause::TooSlow,
-        detected: "the speed that the trial leg before the first slot showed, below what the way to the destination needs",
+        detected: "the speed measured in the trial leg before the first slot is lower than the straight path to the destination needs",
         reaction: Reaction::Land,
         ends: "flown back to the start, landed and disarmed",
     },

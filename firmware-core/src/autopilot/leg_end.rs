@@ -5,6 +5,7 @@ use super::failsafe::Cause;
 use super::leg::{LegEnd, Tick};
 use super::phase::Phase;
 use super::profile::Firmware;
+use super::state::PhaseState;
 use super::telemetry::{Fix, Sample};
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
@@ -26,7 +27,7 @@ impl<T: Scalar> Autopilot<T> {
         else {
             return;
         };
-        if self.phase != Phase::Leg {
+        if self.phase() != Phase::Leg {
             return;
         }
         let known = if self.is_at_setpoints(firmware) {
@@ -123,7 +124,7 @@ impl<T: Scalar> Autopilot<T> {
         } else {
             0
         };
-        self.enter(now, Phase::LegEnded);
+        self.enter(now, PhaseState::LegEnded);
         if self.ignored_legs >= self.settings.watch.ignored_legs {
             self.fail(now, Cause::SetpointsIgnored);
         }

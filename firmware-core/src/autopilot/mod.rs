@@ -31,27 +31,42 @@
 //!
 //! # Modules
 //!
-//! [`wire`] bytes and messages · [`frames`] map and north-east-down · [`profile`] differences
-//! between autopilots · [`guidance`] trajectories · `command` acknowledged commands · `telemetry`
-//! the latest state of the vehicle · `state_machine` the phases · `supervision` detection of failures · `rx` received messages · `tx`
-//! messages to send · [`failsafe`] causes and reactions · `checks` parameters that are read and set
-//! before a flight · [`mission`] upload of a whole mission · [`preflight`] reasons to refuse a
-//! start · `trial` measurement of the airframe's speed
+//! | module | what it contains |
+//! |---|---|
+//! | `client` | [`Autopilot`]: the state, and most of the interface |
+//! | `state_machine`, `state` | the phases, and the state that each has |
+//! | `readiness`, `checks`, [`preflight`], `refusals` | before a flight: telemetry and conditions that are waited for, parameters that are read and set, reasons to refuse the start |
+//! | `control` | whether the client has control, and may send setpoints |
+//! | `supervision`, [`failsafe`] | detected failures, and the reactions to them |
+//! | `leg_start`, `leg_end` | the flight of a slot |
+//! | `reference`, [`guidance`] | where the vehicle should be now: outside of legs, and in general |
+//! | `trial` | measurement of the airframe's speed |
+//! | `rx`, `tx` | received messages, and messages to send |
+//! | `command` | acknowledged commands |
+//! | `telemetry`, [`clock`] | the latest state of the vehicle, and its clock |
+//! | [`profile`] | differences between autopilots |
+//! | [`frames`] | the map, and north-east-down |
+//! | [`wire`] | bytes and messages |
+//! | [`mission`] | upload of a whole mission |
 
 mod checks;
 mod client;
 pub mod clock;
 mod command;
+mod control;
 mod event;
 pub mod failsafe;
 pub mod frames;
 pub mod guidance;
 mod leg;
 mod leg_end;
+mod leg_start;
 pub mod mission;
 mod phase;
 pub mod preflight;
 pub mod profile;
+mod readiness;
+mod reference;
 mod refusals;
 mod rx;
 mod settings;

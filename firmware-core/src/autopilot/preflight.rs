@@ -1,4 +1,4 @@
-//! Comparisons with the mission before take-off whose failure does not go away by waiting.
+//! Comparisons of the vehicle with the mission before take-off. Waiting does not make them pass.
 //!
 //! An [`Obstacle`](super::Obstacle) is waited for; a [`PreflightRefusal`] ends the start at once,
 //! before the motors turn, with the two numbers that do not match. A client that was not told to

@@ -13,7 +13,7 @@ impl<T: Scalar> Autopilot<T> {
     /// once the flight has begun.
     pub fn refusals(&self, now: Instant) -> Vec<PreflightRefusal, REFUSALS> {
         let mut refusals = Vec::new();
-        if matches!(self.phase, Phase::Checking | Phase::Standby) {
+        if matches!(self.phase(), Phase::Checking | Phase::Standby) {
             let obstacle = self.look_for_obstacle(now);
             let all = [
                 self.refuse_distance(obstacle),

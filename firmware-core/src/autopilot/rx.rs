@@ -14,6 +14,7 @@ use super::failsafe::Cause;
 use super::frames::Geodetic;
 use super::phase::Phase;
 use super::profile::{Firmware, Mode, is_armed, mode_of};
+use super::state::PhaseState;
 use super::telemetry::News;
 use super::wire::{Address, status_text};
 use crate::scalar::{Position, Scalar};
@@ -27,7 +28,7 @@ impl<T: Scalar> Autopilot<T> {
     /// to us, or do not fit the phase, change nothing.
     pub fn receive(&mut self, now: Instant, from: Address, message: &MavMessage) {
         if let MavMessage::HEARTBEAT(heartbeat) = message
-            && self.phase == Phase::Connecting
+            && self.phase() == Phase::Connecting
         {
             self.consider(now, from, heartbeat);
         }
@@ -55,7 +56,7 @@ impl<T: Scalar> Autopilot<T> {
             MavMessage::GPS_GLOBAL_ORIGIN(origin) => {
                 // In flight the origin of the frame is kept; a moved origin shows as a jump of the
                 // position.
-                if matches!(self.phase, Phase::Checking | Phase::Standby) {
+                if matches!(self.phase(), Phase::Checking | Phase::Standby) {
                     let moved = self.map.set_local_origin(Geodetic {
                         latitude_e7: origin.latitude,
                         longitude_e7: origin.longitude,
@@ -101,7 +102,7 @@ impl<T: Scalar> Autopilot<T> {
                 firmware,
             });
             self.telemetry.heartbeat_came = Some(now);
-            self.enter(now, Phase::Checking);
+            self.enter(now, PhaseState::Checking);
         }
     }
 
@@ -119,7 +120,7 @@ impl<T: Scalar> Autopilot<T> {
         if core::mem::replace(&mut self.telemetry.armed, armed) != armed {
             self.events.push(Event::Armed(armed));
         }
-        self.heartbeat_judged(now, firmware, mode);
+        self.judge_mode(now, firmware, mode);
     }
 
     /// Processes a CURRENT_MODE. PX4 reports its mode earlier this way than in its heartbeat, which
@@ -132,7 +133,7 @@ impl<T: Scalar> Autopilot<T> {
         // While the link counts as silent, only a heartbeat can end that.
         if !self.silent {
             self.note_mode(firmware, mode);
-            self.heartbeat_judged(now, firmware, mode);
+            self.judge_mode(now, firmware, mode);
         }
     }
 
@@ -166,7 +167,7 @@ impl<T: Scalar> Autopilot<T> {
             return;
         };
         let restoring =
-            self.phase.is_final() || self.restore_now || self.parameter_manager.restores_first();
+            self.phase().is_final() || self.restore_now || self.parameter_manager.restores_first();
         let found = if restoring {
             self.parameter_manager.take_restored(firmware, value)
         } else {
@@ -205,7 +206,7 @@ impl<T: Scalar> Autopilot<T> {
                 .to_f64()
                 .min(self.settings.transit_speed_mps.to_f64());
             let plausible = self.settings.watch.jump_m.to_f64() + 2.0 * speed * after.as_secs_f64();
-            if distance_m > plausible && self.phase.is_flying() {
+            if distance_m > plausible && self.phase().is_flying() {
                 self.fail(now, Cause::PositionJumped);
             }
         }

@@ -1,9 +1,98 @@
 //! State of the client that exists only in a part of a flight.
 
+use super::command::Request;
 use super::guidance::{Guide, Motion};
 use super::leg::LegEnd;
+use super::phase::Phase;
 use crate::scalar::{Position, Scalar};
 use crate::time::Instant;
+
+/// The phase of a flight, with the state that exists in that phase only.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum PhaseState<T: Scalar> {
+    Connecting,
+    Checking,
+    Standby,
+    /// The command is the change to the mode that follows setpoints.
+    TakingControl(PhaseCommand),
+    Arming(PhaseCommand),
+    /// The command is the take-off. A climb by setpoints needs none and counts as accepted.
+    TakingOff(PhaseCommand),
+    Transit,
+    Trial(Trial<T>),
+    Ready,
+    Leg,
+    LegEnded,
+    Landing {
+        /// The command that starts the landing: [`Request::Land`] or [`Request::Return`].
+        by: Request,
+        command: PhaseCommand,
+    },
+    Disarming(PhaseCommand),
+    Landed,
+    Released,
+    Failed,
+}
+
+impl<T: Scalar> PhaseState<T> {
+    /// Returns the phase alone.
+    pub(super) fn phase(&self) -> Phase {
+        match self {
+            Self::Connecting => Phase::Connecting,
+            Self::Checking => Phase::Checking,
+            Self::Standby => Phase::Standby,
+            Self::TakingControl(_) => Phase::TakingControl,
+            Self::Arming(_) => Phase::Arming,
+            Self::TakingOff(_) => Phase::TakingOff,
+            Self::Transit => Phase::Transit,
+            Self::Trial(_) => Phase::Trial,
+            Self::Ready => Phase::Ready,
+            Self::Leg => Phase::Leg,
+            Self::LegEnded => Phase::LegEnded,
+            Self::Landing { .. } => Phase::Landing,
+            Self::Disarming(_) => Phase::Disarming,
+            Self::Landed => Phase::Landed,
+            Self::Released => Phase::Released,
+            Self::Failed => Phase::Failed,
+        }
+    }
+
+    /// Returns the command of the phase, or `None` in a phase without one.
+    pub(super) fn command_mut(&mut self) -> Option<&mut PhaseCommand> {
+        match self {
+            Self::TakingControl(command)
+            | Self::Arming(command)
+            | Self::TakingOff(command)
+            | Self::Landing { command, .. }
+            | Self::Disarming(command) => Some(command),
+            Self::Connecting
+            | Self::Checking
+            | Self::Standby
+            | Self::Transit
+            | Self::Trial(_)
+            | Self::Ready
+            | Self::Leg
+            | Self::LegEnded
+            | Self::Landed
+            | Self::Released
+            | Self::Failed => None,
+        }
+    }
+}
+
+/// The progress of the command by which a phase moves on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PhaseCommand {
+    /// The command was not requested in this phase.
+    NotRequested,
+    /// The command was requested, and no acceptance was received.
+    Requested,
+    /// The command was accepted.
+    Accepted {
+        /// The time of the acceptance.
+        at: Instant,
+    },
+}
 
 /// The present leg.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +132,7 @@ pub(super) struct Trial<T: Scalar> {
     pub(super) reached_mps: T,
 }
 
-/// The requests for telemetry of [`Phase::Checking`](super::phase::Phase::Checking).
+/// The requests for telemetry of [`Phase::Checking`].
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TelemetryRequests {
     /// The next step: the telemetry to request next.

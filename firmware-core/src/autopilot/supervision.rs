@@ -5,22 +5,24 @@ use super::command::Request;
 use super::event::Event;
 use super::failsafe::{Cause, Reaction};
 use super::phase::Phase;
+use super::state::{PhaseCommand, PhaseState};
 use crate::scalar::Scalar;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 
 impl<T: Scalar> Autopilot<T> {
     /// Returns the cause of the failsafe table that has occurred, if any.
     pub(super) fn watch(&self, now: Instant) -> Option<Cause> {
         let (watch, telemetry) = (&self.settings.watch, &self.telemetry);
+        let phase = self.phase();
         let in_phase = now - self.phase_since;
-        let flying = self.phase.is_flying();
+        let flying = phase.is_flying();
         let starting = matches!(
-            self.phase,
+            phase,
             Phase::TakingControl | Phase::Arming | Phase::TakingOff | Phase::Transit | Phase::Trial
         );
         let armed_by_us = flying
             || matches!(
-                self.phase,
+                phase,
                 Phase::Arming | Phase::TakingOff | Phase::Landing | Phase::Disarming
             );
         if armed_by_us && !self.silent && self.is_link_silent(now) {
@@ -38,8 +40,8 @@ impl<T: Scalar> Autopilot<T> {
         if (flying || starting) && !self.knows_position(now) {
             return Some(Cause::PositionLost);
         }
-        let waited = matches!(self.phase, Phase::Checking) && self.launch;
-        if (starting || waited || self.phase == Phase::Ready) && in_phase > watch.stage {
+        let waited = matches!(phase, Phase::Checking) && self.launch;
+        if (starting || waited || phase == Phase::Ready) && in_phase > watch.stage {
             return Some(Cause::StageTimedOut);
         }
         if !flying {
@@ -47,7 +49,7 @@ impl<T: Scalar> Autopilot<T> {
         }
         // A vehicle that took off outside the fence may enter it from there.
         let mut margin_m = watch.fence_margin_m;
-        if matches!(self.phase, Phase::Transit | Phase::Trial) {
+        if matches!(phase, Phase::Transit | Phase::Trial) {
             margin_m += self.site.outside_fence_m;
         }
         let outside =
@@ -58,7 +60,7 @@ impl<T: Scalar> Autopilot<T> {
                     !fence.contains(&sample.position, -margin_m)
                         || self.height_m(&sample) > fence.ceiling_m + watch.fence_margin_m
                 });
-        let in_mission = matches!(self.phase, Phase::Leg | Phase::LegEnded);
+        let in_mission = matches!(phase, Phase::Leg | Phase::LegEnded);
         let ground = watch
             .ground
             .zip(self.ground_heard)
@@ -72,7 +74,7 @@ impl<T: Scalar> Autopilot<T> {
             Some(Cause::BatteryLow)
         } else if ground {
             Some(Cause::GroundSilent)
-        } else if self.phase == Phase::LegEnded && in_phase > watch.overrun {
+        } else if phase == Phase::LegEnded && in_phase > watch.overrun {
             Some(Cause::SlotOverrun)
         } else {
             None
@@ -81,11 +83,12 @@ impl<T: Scalar> Autopilot<T> {
 
     /// Carries out the reaction of the failsafe table.
     pub(super) fn fail(&mut self, now: Instant, cause: Cause) {
-        if self.phase.is_final() {
+        let phase = self.phase();
+        if phase.is_final() {
             return;
         }
         let reaction = cause.row().reaction;
-        let ending = matches!(self.phase, Phase::Landing | Phase::Disarming);
+        let ending = matches!(phase, Phase::Landing | Phase::Disarming);
         // While landing, only causes that change how the landing ends are processed.
         if ending && reaction == Reaction::Land && cause != Cause::CommandFailed {
             return;
@@ -97,31 +100,73 @@ impl<T: Scalar> Autopilot<T> {
             // Control that was never taken cannot be released.
             Reaction::Release
                 if matches!(
-                    self.phase,
+                    phase,
                     Phase::Checking | Phase::Standby | Phase::TakingControl
                 ) =>
             {
-                self.enter(now, Phase::Failed);
+                self.enter(now, PhaseState::Failed);
             }
-            Reaction::Release => self.enter(now, Phase::Released),
+            Reaction::Release => self.enter(now, PhaseState::Released),
             Reaction::Silence => self.silent = true,
-            Reaction::Land if ending => self.enter(now, Phase::Failed),
-            Reaction::Land if self.phase.is_flying() || self.flown => {
+            Reaction::Land if ending => self.enter(now, PhaseState::Failed),
+            Reaction::Land if phase.is_flying() || self.flown => {
                 self.start_landing(now, Request::Land);
             }
             // On the ground, but the motors may turn or start to turn.
-            Reaction::Land if matches!(self.phase, Phase::Arming | Phase::TakingOff) => {
+            Reaction::Land if matches!(phase, Phase::Arming | Phase::TakingOff) => {
                 self.pending = None;
-                self.enter(now, Phase::Disarming);
+                self.enter(now, PhaseState::Disarming(PhaseCommand::NotRequested));
             }
-            Reaction::Land => self.enter(now, Phase::Failed),
+            Reaction::Land => self.enter(now, PhaseState::Failed),
         }
     }
 
     pub(super) fn end_flight(&mut self, now: Instant, by: Request) {
         self.advance(now);
-        if self.phase.is_flying() {
+        if self.phase().is_flying() {
             self.start_landing(now, by);
         }
+    }
+
+    /// Returns the time since the last heartbeat of the autopilot, or `None` before the first one.
+    pub fn heartbeat_age(&self, now: Instant) -> Option<Duration> {
+        Some(now - self.telemetry.heartbeat_came?)
+    }
+
+    /// Returns whether the autopilot has not been heard for [`super::failsafe::Watch::heartbeat`]: the
+    /// link, or the autopilot, does not work at present.
+    pub fn is_link_silent(&self, now: Instant) -> bool {
+        self.was_silent_for(now, Duration::ZERO)
+    }
+
+    /// Returns whether the silence has lasted for [`super::failsafe::Watch::link_dead`] longer than that.
+    pub fn is_link_dead(&self, now: Instant) -> bool {
+        self.was_silent_for(now, self.settings.watch.link_dead)
+    }
+
+    /// Returns whether the link has counted as silent for `duration`: no heartbeat was received,
+    /// or, once positions are received, nothing at all.
+    fn was_silent_for(&self, now: Instant, duration: Duration) -> bool {
+        let Some(age) = self.heartbeat_age(now) else {
+            return false;
+        };
+        let nothing = self.telemetry.sample.is_some()
+            && now - self.telemetry.heard > self.settings.watch.heartbeat + duration;
+        nothing || age > self.heartbeat_patience() + duration
+    }
+
+    /// Returns how long the autopilot's heartbeat may be missing: twice as long where it always
+    /// comes once a second, because a bad link sometimes loses several in a row.
+    fn heartbeat_patience(&self) -> Duration {
+        let steady = self
+            .vehicle
+            .is_some_and(|(_, firmware)| !firmware.sends_heartbeats_on_request());
+        self.settings.watch.heartbeat * if steady { 2 } else { 1 }
+    }
+
+    /// Returns whether the latest position sample is recent enough.
+    pub(super) fn knows_position(&self, now: Instant) -> bool {
+        self.telemetry.sample.is_some()
+            && now - self.telemetry.sample_came <= self.settings.watch.position
     }
 }

@@ -7,8 +7,11 @@
 //! time, it lands where it took off and the mission is refused with both speeds.
 
 use super::{
-    client::Autopilot, event::Event, failsafe::Cause, phase::Phase, preflight::PreflightRefusal,
-    state::Trial,
+    client::Autopilot,
+    event::Event,
+    failsafe::Cause,
+    preflight::PreflightRefusal,
+    state::{PhaseState, Trial},
 };
 use crate::{
     autopilot::guidance::Trajectory,
@@ -25,16 +28,16 @@ impl<T: Scalar> Autopilot<T> {
     /// Starts a trial leg if one is needed; otherwise the vehicle is ready for slots.
     pub(super) fn prepare_slots(&mut self, now: Instant) {
         match self.trial_turn() {
-            Some(turn) if self.trial.is_none() && self.start_transit(now, turn) => {
-                self.trial = Some(Trial {
+            Some(turn) if self.start_transit(now, turn) => {
+                let trial = Trial {
                     turn,
                     returns: false,
                     asked_mps: T::zero(),
                     reached_mps: T::zero(),
-                });
-                self.enter(now, Phase::Trial);
+                };
+                self.enter(now, PhaseState::Trial(trial));
             }
-            _ => self.enter(now, Phase::Ready),
+            _ => self.enter(now, PhaseState::Ready),
         }
     }
 
@@ -56,15 +59,15 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     /// Advances the trial leg.
-    pub(super) fn advance_trial(&mut self, now: Instant) {
-        let Some((mut trial, sample)) = self.trial.zip(self.telemetry.sample) else {
+    pub(super) fn advance_trial(&mut self, now: Instant, mut trial: Trial<T>) {
+        let Some(sample) = self.telemetry.sample else {
             return;
         };
         if !trial.returns {
             let asked_mps = self.stream.as_ref().map(|s| s.last.velocity.norm());
             trial.asked_mps = trial.asked_mps.max(asked_mps.unwrap_or(T::zero()));
             trial.reached_mps = trial.reached_mps.max(sample.velocity.norm());
-            self.trial = Some(trial);
+            self.state = PhaseState::Trial(trial);
         }
         let goal = if trial.returns {
             self.settings.start
@@ -75,7 +78,7 @@ impl<T: Scalar> Autopilot<T> {
             return;
         }
         if !trial.returns {
-            self.trial = Some(Trial {
+            self.state = PhaseState::Trial(Trial {
                 returns: true,
                 ..trial
             });
@@ -101,7 +104,7 @@ impl<T: Scalar> Autopilot<T> {
                 self.events.push(Event::Refused(refusal));
                 self.fail(now, Cause::TooSlow);
             }
-            None => self.enter(now, Phase::Ready),
+            None => self.enter(now, PhaseState::Ready),
         }
     }
 }

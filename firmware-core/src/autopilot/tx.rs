@@ -17,12 +17,12 @@ use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
-/// The longest time between two calls that all time-outs of this module tolerate.
-const LONGEST_NAP: Duration = Duration::from_millis(50);
+/// The longest pause between two calls of [`Autopilot::poll`]. All time-outs are much longer.
+const LONGEST_PAUSE: Duration = Duration::from_millis(50);
 
 /// The largest number of telemetry intervals by which the reference may be ahead of the newest
-/// sample: a vehicle that no longer sends samples may no longer fly, for example a simulator that
-/// stalls.
+/// sample: a vehicle that no longer sends samples may no longer move, for example if its simulator
+/// has stalled.
 const FURTHEST_AHEAD: u32 = 2;
 
 impl<T: Scalar> Autopilot<T> {
@@ -33,7 +33,7 @@ impl<T: Scalar> Autopilot<T> {
         if self.silent {
             return None;
         }
-        if self.phase == Phase::Failed {
+        if self.phase() == Phase::Failed {
             return self.restoration(now);
         }
         // The setpoint of a slot's end comes first: the slot is measured by its time.
@@ -51,7 +51,7 @@ impl<T: Scalar> Autopilot<T> {
 
     /// Returns when [`Autopilot::poll`] must be called next if nothing is received before.
     pub fn poll_at(&self, now: Instant) -> Instant {
-        let mut next = (now + LONGEST_NAP).min(self.heartbeat_due);
+        let mut next = (now + LONGEST_PAUSE).min(self.heartbeat_due);
         if let Some(pending) = &self.pending {
             next = next.min(pending.due());
         }
@@ -110,7 +110,7 @@ impl<T: Scalar> Autopilot<T> {
     /// requested.
     fn parameter_request(&mut self, now: Instant) -> Option<MavMessage> {
         let vehicle = self.vehicle?;
-        if self.phase != Phase::Checking || self.pending.is_some() || self.restore_now {
+        if self.phase() != Phase::Checking || self.pending.is_some() || self.restore_now {
             return None;
         }
         if self.parameter_manager.restores_first() {
@@ -136,7 +136,7 @@ impl<T: Scalar> Autopilot<T> {
     /// flight, with motors off. While the link is silent no attempt is used.
     fn restoration(&mut self, now: Instant) -> Option<MavMessage> {
         let vehicle = self.vehicle?;
-        let may = self.phase.is_final() && !self.telemetry.armed && !self.is_link_silent(now);
+        let may = self.phase().is_final() && !self.telemetry.armed && !self.is_link_silent(now);
         if !(may || self.restore_now) || self.parameter_manager.is_restored() {
             return None;
         }

@@ -14,7 +14,7 @@ use crate::{
     units::PowerGain,
 };
 
-/// What the allocation of slots needs and remembers.
+/// Allocates slots: the limits of the mission, and the last channel state.
 #[derive(Clone, Debug)]
 pub(super) struct Allocator<T: Scalar, const M: usize, const J: usize> {
     limits: SlotLimits<T>,
@@ -33,7 +33,7 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
         }
     }
 
-    /// Takes over a change of the mission, which is `mission` now.
+    /// Applies a change of the mission; `mission` is the changed one.
     pub(super) fn revise(&mut self, mission: &Mission<T, M, J>, change: &MissionChange<T>) {
         self.last_state.forget(change);
         self.limits = SlotLimits::of_mission(mission);

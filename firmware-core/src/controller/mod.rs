@@ -25,6 +25,7 @@ mod aging;
 mod allocator;
 mod changes;
 mod command_check;
+mod error;
 mod exchange;
 mod speed_estimator;
 
@@ -42,54 +43,9 @@ use allocator::Allocator;
 use changes::Pending;
 pub use changes::{CHANGES_MAX, DatedChange};
 pub use command_check::CommandError;
+pub use error::ControllerError;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
 use speed_estimator::SpeedEstimator;
-
-/// Error returned when the controller cannot carry out a call in its present state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ControllerError {
-    /// `plan` was called while a slot is under way.
-    #[error("slot {slot} is planned and not yet allocated")]
-    SlotUnderWay {
-        /// The slot under way.
-        slot: u32,
-    },
-    /// `allocate` was called while no slot is under way.
-    #[error("no slot is planned: {done} of {slots} are done")]
-    NothingPlanned {
-        /// The number of slots done.
-        done: u32,
-        /// `N`, the number of slots of the mission.
-        slots: u32,
-    },
-    /// The mission is over.
-    #[error("the mission is over after {slots} slots")]
-    MissionOver {
-        /// `N`, the number of slots of the mission.
-        slots: u32,
-    },
-    /// The channel state belongs to another slot.
-    #[error("channel state is about slot {got}, but slot {expected} is under way")]
-    WrongSlot {
-        /// The slot of the channel state.
-        got: u32,
-        /// The slot under way.
-        expected: u32,
-    },
-    /// The channel state has the wrong number of gains.
-    #[error("channel state has {got} {what} gains, but the mission has {expected}")]
-    WrongSize {
-        /// `user` or `sensor`.
-        what: &'static str,
-        /// The number of gains in the channel state.
-        got: usize,
-        /// The number of users or sensors of the mission.
-        expected: usize,
-    },
-    /// The measured position is NaN or infinite.
-    #[error("the measured position is not finite")]
-    PositionNotFinite,
-}
 
 /// The onboard controller: a mission, a policy, and the state between slots.
 #[derive(Clone, Debug)]

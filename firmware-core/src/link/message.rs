@@ -19,28 +19,25 @@ pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
 /// Returns the length of the longest frame for up to so many users and sensors, in double
 /// precision, delimiters included. Whether every message fits is checked at compile time: see
 /// [`encode`](super::encode).
+///
+/// The longest message is a channel state, a command or a status. An arrival and a change are
+/// shorter than a status, whatever the capacities.
 pub const fn frame_max(users: usize, sensors: usize) -> usize {
     // postcard: integers in groups of 7 bits, enumerations and lengths as integers.
     const REAL: usize = 8;
     const U8: usize = 1;
     const U16: usize = 3;
     const U32: usize = 5;
-    const U64: usize = 10;
     const INDEX: usize = 10;
     const LENGTH: usize = 3;
     const fn larger(a: usize, b: usize) -> usize {
         if a > b { a } else { b }
     }
     let state = U32 + LENGTH + users * REAL + LENGTH + sensors * REAL;
-    let tick = 2 * U64 + U8 + REAL / 2;
-    let arrival = (U32 + 2 * REAL + INDEX + 4 * U8) + 2 * REAL + tick;
     let reals = LENGTH + sensors * REAL + 4 * REAL;
     let command = U32 + (U8 + INDEX) + reals + (U8 + REAL) + U8 + U32 + 2 * U16;
     let status = VehicleStatus::COUNTERS * U32 + (U8 + 2 * REAL / 2 + U8);
-    let change = U32 + U32 + (U8 + U16 + 2 * REAL);
-    let to_vehicle = larger(state, change);
-    let to_ground = larger(arrival, larger(command, status));
-    let message = U8 + larger(to_vehicle, to_ground);
+    let message = U8 + larger(state, larger(command, status));
     let plain = 1 + message + 4;
     1 + cobs::max_encoding_length(plain) + 1
 }

@@ -223,6 +223,61 @@ fn the_bound_is_that_of_the_longest_message() {
     }
 }
 
+/// The messages that the bound leaves out fit where it is shortest.
+#[test]
+fn the_longest_arrival_and_change_are_shorter_than_a_status() {
+    let place = Position::new(1.0, -2.0);
+    let arrival = Message::Arrival(Arrival {
+        plan: Plan {
+            slot: u32::MAX,
+            waypoint: place,
+            served_user: usize::MAX,
+            intervention: Intervention {
+                displacement: true,
+                user: true,
+                broken_output: true,
+                out_of_reach: true,
+            },
+        },
+        position: place,
+        tick: Tick {
+            time: Instant::from_micros(u64::MAX),
+            lateness: Duration::from_micros(u64::MAX),
+            extrapolated: true,
+            clock_rate: 1.0,
+        },
+    });
+    let change = |change| {
+        Message::Change(NumberedChange {
+            number: u32::MAX,
+            change: DatedChange {
+                from_slot: u32::MAX,
+                change,
+            },
+        })
+    };
+    let changes = [
+        MissionChange::User {
+            user: u16::MAX,
+            position_m: place,
+        },
+        MissionChange::UserLeft { user: u16::MAX },
+        MissionChange::Sensor {
+            sensor: u16::MAX,
+            position_m: place,
+        },
+        MissionChange::SensorLeft { sensor: u16::MAX },
+        MissionChange::MseThreshold(0.1),
+        MissionChange::NoisePower(Watt(1e-12)),
+        MissionChange::MaxSpeed(30.0),
+        MissionChange::Slots(u32::MAX),
+    ];
+    for message in changes.map(change).into_iter().chain([arrival]) {
+        let length = frame(&message).len();
+        assert!(length < frame_max(0, 0), "{message:?}: {length}");
+    }
+}
+
 /// Something that happens to bytes on their way.
 #[derive(Clone, Debug)]
 enum Damage {

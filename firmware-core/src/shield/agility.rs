@@ -45,12 +45,12 @@ impl<T: Scalar> Agility<T> {
 
     /// As [`allowed_m`](Self::allowed_m), where the mission ends before the vehicle would be at
     /// rest: after `slots_after` more slots, each of which may reduce the step by `gain`.
-    pub(super) fn ended_m(&self, last_m: T, room_m: T, slots_after: u32) -> T {
+    pub(super) fn ended_m(&self, last_m: T, available_m: T, slots_after: u32) -> T {
         let slots = T::count(slots_after as usize);
         let braked_m =
             self.velocity_change_m * slots * (slots - T::one()).max(T::zero()) / T::of(2.0);
         // The next slot still covers the distance that this one ends with.
-        let step_m = (room_m + braked_m) / (slots + T::one());
+        let step_m = (available_m + braked_m) / (slots + T::one());
         let at_rest_before = step_m < self.velocity_change_m * slots;
         // A slot continues the last one's motion before it changes.
         if at_rest_before || last_m > step_m + self.velocity_change_m {
@@ -67,8 +67,8 @@ impl<T: Scalar> Agility<T> {
     /// braking has an effect: `3/2 s + s^2 / (2 gain)`.
     pub(super) fn step_beside(&self, way: Displacement<T>, slots_left: u32, arrival_m: T) -> T {
         let away_m = way.norm();
-        let room_m = away_m + arrival_m * T::of(PASSING_FRACTION);
-        let stoppable_m = self.largest_m(T::of(1.5), room_m);
+        let available_m = away_m + arrival_m * T::of(PASSING_FRACTION);
+        let stoppable_m = self.largest_m(T::of(1.5), available_m);
         let needed_m =
             (away_m - arrival_m * T::of(ARRIVAL_FRACTION)) / T::count(slots_left as usize);
         // A step to the destination itself is never too long.
@@ -80,31 +80,32 @@ impl<T: Scalar> Agility<T> {
         self.step_m.min(stoppable_m.max(needed_m).max(there_m))
     }
 
-    /// Returns the largest step `s` from which the vehicle can still come to rest within `room_m`:
-    /// `s + s^2 / (2 gain) = room`.
-    pub(super) fn stoppable_m(&self, room_m: T) -> T {
-        self.largest_m(T::one(), room_m)
+    /// Returns the largest step `s` from which the vehicle can still come to rest within `available_m`:
+    /// `s + s^2 / (2 gain) = available`.
+    pub(super) fn stoppable_m(&self, available_m: T) -> T {
+        self.largest_m(T::one(), available_m)
     }
 
-    /// Returns the positive root of `times s + s^2 / (2 gain) = room`, in a form that also holds
-    /// for an infinite gain; returns `room` itself where that is not above zero.
-    pub(super) fn largest_m(&self, times: T, room_m: T) -> T {
-        if room_m <= T::zero() {
-            return room_m;
+    /// Returns the positive root of `times s + s^2 / (2 gain) = available`, in a form that also holds
+    /// for an infinite gain; returns `available` itself where that is not above zero.
+    pub(super) fn largest_m(&self, times: T, available_m: T) -> T {
+        if available_m <= T::zero() {
+            return available_m;
         }
         let two = T::of(2.0);
-        two * room_m / (times + (times * times + two * room_m / self.velocity_change_m).sqrt())
+        two * available_m
+            / (times + (times * times + two * available_m / self.velocity_change_m).sqrt())
     }
 
     /// Returns the largest step of the coming slot in a direction in which all remaining slots
-    /// together may cover `room_m`, where the last slot covered `last_m`. The slot covers at least
+    /// together may cover `available_m`, where the last slot covered `last_m`. The slot covers at least
     /// as much as the last one, and the next covers once more what it ends with; then the vehicle
     /// needs `s^2 / (2 gain)` to come to rest in that direction. Returns `None` where that takes
     /// more than the vehicle can lose in a slot.
-    pub(super) fn allowed_m(&self, last_m: T, room_m: T) -> Option<T> {
-        let turning_m = self.stoppable_m(room_m - last_m);
+    pub(super) fn allowed_m(&self, last_m: T, available_m: T) -> Option<T> {
+        let turning_m = self.stoppable_m(available_m - last_m);
         if turning_m > last_m {
-            return Some(self.largest_m(T::of(2.0), room_m));
+            return Some(self.largest_m(T::of(2.0), available_m));
         }
         (turning_m >= last_m - self.velocity_change_m).then(|| turning_m.max(T::zero()))
     }
@@ -127,59 +128,62 @@ mod tests {
         (a - b).abs() <= 1e-9 * (1.0 + b.abs())
     }
 
-    /// All gains, rooms and last steps of a grid, to the border and past it.
+    /// All gains, available distances and last steps of a grid, to the border and past it.
     fn grid(mut visit: impl FnMut(f64, f64, f64)) {
         for gain_m in [0.3, 1.0, 4.0, 17.0, 250.0] {
-            for room_m in [-5.0, 0.0, 0.2, 3.0, 11.0, 40.0, 333.0, 2000.0] {
+            for available_m in [-5.0, 0.0, 0.2, 3.0, 11.0, 40.0, 333.0, 2000.0] {
                 for last_m in [0.0, 0.1, 2.0, 9.0, 29.0] {
-                    visit(gain_m, room_m, last_m);
+                    visit(gain_m, available_m, last_m);
                 }
             }
         }
     }
 
     #[test]
-    fn the_largest_step_takes_all_the_room() {
-        grid(|gain_m, room_m, _| {
+    fn the_largest_step_takes_the_whole_distance() {
+        grid(|gain_m, available_m, _| {
             for times in [1.0, 1.5, 2.0] {
-                let step_m = vehicle(gain_m).largest_m(times, room_m);
-                if room_m <= 0.0 {
-                    assert_eq!(step_m, room_m);
+                let step_m = vehicle(gain_m).largest_m(times, available_m);
+                if available_m <= 0.0 {
+                    assert_eq!(step_m, available_m);
                     continue;
                 }
                 assert!(step_m > 0.0);
                 let taken_m = times * step_m + step_m * step_m / (2.0 * gain_m);
-                assert!(equal(taken_m, room_m), "{taken_m} of {room_m}");
-                let ideal_m = vehicle(f64::INFINITY).largest_m(times, room_m);
-                assert!(equal(times * ideal_m, room_m));
+                assert!(equal(taken_m, available_m), "{taken_m} of {available_m}");
+                let ideal_m = vehicle(f64::INFINITY).largest_m(times, available_m);
+                assert!(equal(times * ideal_m, available_m));
             }
         });
     }
 
-    /// The slot, the next one and the braking take all the room. Nothing is allowed where they take
+    /// The slot, the next one and the braking take the whole available distance. Nothing is allowed where they take
     /// more although the vehicle loses in the slot what it can.
     #[test]
     fn an_allowed_step_leaves_the_way_to_stop() {
         let (mut allowed, mut refused) = (0, 0);
-        grid(|gain_m, room_m, last_m| {
+        grid(|gain_m, available_m, last_m| {
             let taken_m =
                 |step_m: f64| step_m.max(last_m) + step_m + step_m * step_m / (2.0 * gain_m);
             let slowest_m = last_m - gain_m;
-            match vehicle(gain_m).allowed_m(last_m, room_m) {
+            match vehicle(gain_m).allowed_m(last_m, available_m) {
                 Some(step_m) => {
                     allowed += 1;
                     assert!(step_m >= slowest_m);
                     if step_m > 0.0 {
-                        assert!(equal(taken_m(step_m), room_m), "{step_m} in {room_m}");
+                        assert!(
+                            equal(taken_m(step_m), available_m),
+                            "{step_m} in {available_m}"
+                        );
                     } else {
-                        assert!(room_m <= last_m);
+                        assert!(available_m <= last_m);
                     }
                 }
                 None => {
                     refused += 1;
-                    let too_long = slowest_m > 0.0 && taken_m(slowest_m) > room_m;
-                    let no_room = room_m - last_m < slowest_m;
-                    assert!(too_long || no_room, "{slowest_m} in {room_m}");
+                    let too_long = slowest_m > 0.0 && taken_m(slowest_m) > available_m;
+                    let none_left = available_m - last_m < slowest_m;
+                    assert!(too_long || none_left, "{slowest_m} in {available_m}");
                 }
             }
         });
@@ -187,12 +191,12 @@ mod tests {
     }
 
     /// Each of the remaining slots covers what the one before it ends with, and brakes: together
-    /// they take all the room. Zero where the vehicle would be at rest before the end, or cannot
+    /// they take the whole available distance. Zero where the vehicle would be at rest before the end, or cannot
     /// slow down to the step.
     #[test]
     fn the_end_of_the_mission_ends_the_way() {
         let (mut moving, mut zero) = (0, 0);
-        grid(|gain_m, room_m, last_m| {
+        grid(|gain_m, available_m, last_m| {
             for slots_after in 0..6_u32 {
                 let covered_m = |step_m: f64| {
                     let later = (0..slots_after).map(|slot| step_m - gain_m * f64::from(slot));
@@ -200,9 +204,9 @@ mod tests {
                 };
                 // It is linear in the step.
                 let fixed_m = covered_m(0.0);
-                let full_m = (room_m - fixed_m) / (covered_m(1.0) - fixed_m);
+                let full_m = (available_m - fixed_m) / (covered_m(1.0) - fixed_m);
                 let at_rest_before = full_m < gain_m * f64::from(slots_after);
-                let step_m = vehicle(gain_m).ended_m(last_m, room_m, slots_after);
+                let step_m = vehicle(gain_m).ended_m(last_m, available_m, slots_after);
                 if at_rest_before || last_m > full_m + gain_m {
                     zero += 1;
                     assert_eq!(step_m, 0.0);

@@ -29,7 +29,7 @@ impl<const M: usize> Fairness<M> {
         fairness
     }
 
-    /// Takes over what has changed of the mission: users that joined or left, the number of slots.
+    /// Applies changes of the mission: users that joined or left, the number of slots.
     /// Where the quotas can no longer be met in the slots that are left, those of the users that
     /// are owed most are reduced. `under_way` is the user of the slot under way, if there is one: this
     /// slot is no longer free.

@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// The fraction of `V_max delta` by which a vehicle with inertia keeps away from the border of the
-/// area, for the same reason.
+/// area: if it brakes as late as possible, every inaccuracy of its flight takes it further out.
 const BORDER_FRACTION: f64 = 0.25;
 
 /// The fraction of the acceleration that is used to brake before a border.
@@ -29,14 +29,14 @@ pub struct ReachableSet<T: Scalar> {
 }
 
 impl<T: Scalar> ReachableSet<T> {
-    /// Creates the set for a step from `from` of at most `step_m` that ends at most `home_m` from
+    /// Creates the set for a step from `from` of at most `step_m` that ends at most `arrival_m` from
     /// `destination`. Distances are in metres and not negative.
     pub fn new(
         area: Area<T>,
         from: Position<T>,
         step_m: T,
         destination: Position<T>,
-        home_m: T,
+        arrival_m: T,
     ) -> Self {
         Self {
             area: Rectangle {
@@ -49,7 +49,7 @@ impl<T: Scalar> ReachableSet<T> {
             },
             arrival: Disc {
                 center: destination,
-                radius_m: home_m,
+                radius_m: arrival_m,
             },
             rounding_m: rounding_m(&area, step_m),
         }
@@ -77,7 +77,7 @@ impl<T: Scalar> ReachableSet<T> {
     /// the destination in time.
     ///
     /// Towards a border, a step `s` must leave the distance that stopping from it takes: `s + s^2 /
-    /// (2 gain) <= room`, after a slot that continues the last one's motion. On the way to the
+    /// (2 gain) <= available`, after a slot that continues the last one's motion. On the way to the
     /// destination the same holds for the difference, as a vector, between the step and full speed
     /// straight to the destination: that difference is lost, and regaining it costs `s^2 / (2
     /// gain)` more, out of the distance that the remaining slots have to spare.
@@ -122,13 +122,15 @@ impl<T: Scalar> ReachableSet<T> {
             // Outside already: back to the border and no further out.
             let inside = here.max(low).min(high);
             let drift_m = agility.drift_m[axis];
-            let step_m = |last_m: T, room_m: T| {
+            let step_m = |last_m: T, available_m: T| {
                 let last_m = last_m.max(T::zero());
                 // Too late for normal braking: brake with more than can be relied on.
                 let braked_m =
                     (last_m - beside_border.velocity_change_m * T::of(2.0)).max(T::zero());
-                let allowed_m = beside_border.allowed_m(last_m, room_m).unwrap_or(braked_m);
-                allowed_m.max(beside_border.ended_m(last_m, room_m, slots_after))
+                let allowed_m = beside_border
+                    .allowed_m(last_m, available_m)
+                    .unwrap_or(braked_m);
+                allowed_m.max(beside_border.ended_m(last_m, available_m, slots_after))
             };
             south_west[axis] = (inside - step_m(-drift_m, inside - low)).max(low);
             north_east[axis] = (inside + step_m(drift_m, high - inside)).min(high);
@@ -260,30 +262,35 @@ mod tests {
                 let drift_m = agility.drift_m[axis];
                 let (south_west_m, north_east_m) =
                     (set.area.south_west[axis], set.area.north_east[axis]);
-                for (room_m, last_m, step_m) in [
+                for (available_m, last_m, step_m) in [
                     (here_m - low_m, -drift_m, here_m - south_west_m),
                     (high_m - here_m, drift_m, north_east_m - here_m),
                 ] {
                     let last_m = last_m.max(0.0);
-                    assert!((-1e-9..=room_m + 1e-9).contains(&step_m), "{step_m}");
-                    let ended_m = braking_agility.ended_m(last_m, room_m, 60 - slot);
-                    if step_m >= room_m - 1e-9 {
-                        // Nothing in the way, or nothing that braking could still change.
+                    assert!((-1e-9..=available_m + 1e-9).contains(&step_m), "{step_m}");
+                    let ended_m = braking_agility.ended_m(last_m, available_m, 60 - slot);
+                    if step_m >= available_m - 1e-9 {
+                        // The border limits the step, or braking comes too late to matter.
                         free += 1;
                         let braked_m = (last_m - 2.0 * gain_m).max(ended_m);
-                        assert!(room_m <= braked_m + 1e-9 || room_m < 1e-6, "{room_m}");
+                        assert!(
+                            available_m <= braked_m + 1e-9 || available_m < 1e-6,
+                            "{available_m}"
+                        );
                     } else if ended_m > 0.0 && equal(step_m, ended_m) {
                         ending += 1;
-                        assert!(step_m > 0.0 && taken_m(step_m, last_m, gain_m) >= room_m - 1e-9);
-                    } else if step_m > 1e-9 && equal(taken_m(step_m, last_m, gain_m), room_m) {
+                        assert!(
+                            step_m > 0.0 && taken_m(step_m, last_m, gain_m) >= available_m - 1e-9
+                        );
+                    } else if step_m > 1e-9 && equal(taken_m(step_m, last_m, gain_m), available_m) {
                         stopping += 1;
                     } else {
                         braking += 1;
                         assert!(equal(step_m, (last_m - 2.0 * gain_m).max(0.0)), "{step_m}");
-                        // No room is left after this slot, or braking as assumed is too late.
+                        // No distance is left after this slot, or braking as assumed is too late.
                         let slowest_m = last_m - gain_m;
-                        let too_late = taken_m(slowest_m, last_m, gain_m) > room_m - 1e-9;
-                        assert!(room_m <= last_m + 1e-9 || too_late);
+                        let too_late = taken_m(slowest_m, last_m, gain_m) > available_m - 1e-9;
+                        assert!(available_m <= last_m + 1e-9 || too_late);
                     }
                 }
             }

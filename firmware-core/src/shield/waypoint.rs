@@ -105,8 +105,8 @@ mod tests {
     fn without_admissible_places_the_way_is_towards_the_destination() {
         let destination = Position::new(600.0, 500.0);
         let from = |gap_m: f64| destination - Displacement::new(0.6, 0.8) * (50.0 + gap_m);
-        let waypoint = |from, destination, step_m, home_m, before| {
-            let set = ReachableSet::new(AREA, from, step_m, destination, home_m);
+        let waypoint = |from, destination, step_m, arrival_m, before| {
+            let set = ReachableSet::new(AREA, from, step_m, destination, arrival_m);
             assert_eq!(set.nearest(&from), None, "not empty");
             let mut changed = Intervention {
                 displacement: before,

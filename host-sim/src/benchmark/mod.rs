@@ -17,7 +17,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    flight::{self, ClientSettings, FlightSettings, Pace, Peer, computer::InProcess},
+    flight::{self, ClientSettings, FlightSettings, Peer, RealTimeFactor, computer::InProcess},
     policy::{HostPolicy, PolicyChoice},
 };
 use environment::Allocation;
@@ -117,7 +117,7 @@ fn fly_through(
         policy: name,
         inner: Allocation::Exact,
         profile,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
         events: events.clone(),

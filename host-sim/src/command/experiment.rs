@@ -8,7 +8,7 @@ use std::{
 
 use clap::{Args, builder::PossibleValuesParser};
 use host_sim::experiment::{
-    Experiment, ExperimentContext, Settings, Watcher,
+    Experiment, ExperimentContext, ExperimentSettings, Watcher,
     cell::Cell,
     report,
     seeds::{self, Collected},
@@ -90,7 +90,7 @@ pub(crate) fn execute(arguments: &ExperimentArguments) -> Result<(), Failure> {
         false => None,
     };
     let spinner = Spinner(ProgressBar::new_spinner().with_style(style()));
-    let settings = Settings {
+    let settings = ExperimentSettings {
         out: out.clone(),
         models: arguments.models.clone(),
         trainer,

@@ -9,7 +9,7 @@ use environment::Allocation;
 use files::input;
 use firmware_core::console::PolicyKind;
 use host_sim::flight::{
-    self, FlightSettings, Pace, Peer,
+    self, FlightSettings, Peer, RealTimeFactor,
     computer::{Campaign, Image, SLOTS_EACH, Twin, order},
 };
 use link::HostPort;
@@ -57,7 +57,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
         policy: "in flash".into(),
         inner: Allocation::Exact,
         profile: Profile::Ideal,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: arguments.seed,
         symbols_per_slot: 1,
         events: Events::default(),

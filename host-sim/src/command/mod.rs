@@ -110,3 +110,10 @@ pub(crate) fn load_policy(
     spinner.finish_and_clear();
     loaded.map_err(Failure::bad_input)
 }
+
+/// Prints the warning about a policy that was trained for another mission, if there is one.
+pub(crate) fn warn_of_policy(name: &str, warning: Option<&str>) {
+    if let Some(warning) = warning {
+        eprintln!("warning: {name}: {warning}");
+    }
+}

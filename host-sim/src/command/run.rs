@@ -1,40 +1,38 @@
 //! `host-sim run`: flies one mission and writes its report.
 
-use std::{
-    io::Write,
-    path::{Path, PathBuf},
-    str::FromStr,
-};
+mod certified;
+mod ending;
+mod progress;
+
+use std::{path::PathBuf, str::FromStr};
 
 use clap::Args;
 use environment::Allocation;
 use host_sim::{
-    benchmark::{BOUNDS_FILE, Bounds},
-    experiment::context,
+    experiment::ideal_flight,
     flight::{
-        self, ClientSettings, FailedFlight, FlightError, FlightSettings, Observer, Pace, Peer,
+        self, ClientSettings, FailedFlight, FlightSettings, Peer, RealTimeFactor,
         computer::{InProcess, OnboardComputer},
     },
-    interrupt::Presses,
     journal::{self, ParameterJournal},
     policy::PolicyChoice,
-    record::{CertifiedBound, FlightEvent, FlightNotes, FlightRecord, SlotRecord, Summary},
-    report::{self, Look},
+    record::FlightRecord,
+    report,
     world::SYMBOLS_PER_SLOT,
 };
-use indicatif::{ProgressBar, ProgressStyle};
 use link::{LinkAddress, key, lossy::Impairment};
-use planning::bound::BoundSettings;
 use scenario::{Events, Scenario, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
 use super::{
     Failure,
     board::{BoardChoice, OpenBoard, footprint_line},
-    bound::certify_watched,
     doctor::{OwnAddressArguments, parse_mps},
-    load_policy, terminal,
+    load_policy, warn_of_policy,
 };
+use certified::certified_bound;
+use ending::OutputArguments;
+use progress::Progress;
 
 /// The options of `host-sim run`.
 #[derive(Debug, Args)]
@@ -86,8 +84,8 @@ pub(crate) struct RunArguments {
     #[command(flatten)]
     board: BoardChoice,
     /// Simulation speed relative to real time, or max for as fast as possible
-    #[arg(long, default_value = "max", value_parser = parse_pace, value_name = "X|max")]
-    speed: Pace,
+    #[arg(long, default_value = "max", value_parser = parse_real_time_factor, value_name = "X|max")]
+    speed: RealTimeFactor,
     /// Seed of the random symbols and the noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -103,22 +101,17 @@ pub(crate) struct RunArguments {
     /// Number of symbols that are transmitted in each slot to measure the MSE
     #[arg(long, default_value_t = SYMBOLS_PER_SLOT, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     symbols: u32,
-    /// Output directory for summary.json, slots.csv, report.html, the MAVLink log and, while
-    /// parameters of the vehicle are changed, their journal
-    #[arg(long, default_value = "out", value_name = "DIR")]
-    out: PathBuf,
-    /// Print only the contents of summary.json on standard output
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 }
 
-fn parse_pace(text: &str) -> Result<Pace, String> {
+fn parse_real_time_factor(text: &str) -> Result<RealTimeFactor, String> {
     if text == "max" {
-        return Ok(Pace::Max);
+        return Ok(RealTimeFactor::Max);
     }
     match text.parse::<f64>() {
         Ok(factor) if factor.is_finite() && (0.001..=1000.0).contains(&factor) => {
-            Ok(Pace::Factor(factor))
+            Ok(RealTimeFactor::Factor(factor))
         }
         _ => Err("must be a number from 0.001 to 1000, or max".into()),
     }
@@ -139,9 +132,7 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
         );
     }
     let policy_warning = policy.foreign_mission(&scenario);
-    if let Some(warning) = &policy_warning {
-        eprintln!("warning: {policy_name}: {warning}");
-    }
+    warn_of_policy(&policy_name, policy_warning.as_deref());
     let (prepared, client) = prepare(arguments, &scenario, policy_name)?;
     let computer = InProcess::new(
         &scenario,
@@ -151,67 +142,23 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
         &prepared.peer,
     );
     let mut flown = match computer {
-        Ok(mut computer) => fly(&scenario, &mut computer, prepared),
+        Ok(mut computer) => fly(&scenario, &mut computer, prepared, policy_warning),
         Err(error) => Err(error.into()),
     };
-    match &mut flown {
-        Ok(record) => {
-            record.notes = FlightNotes {
-                policy_warning,
-                ideal_sum_rate: ideal_sum_rate(record, arguments),
-                certified_bound: None,
-            };
-        }
-        Err(failed) => {
-            if let Some(record) = &mut failed.record {
-                record.notes.policy_warning = policy_warning;
-            }
-        }
+    if let Ok(record) = &mut flown {
+        record.notes.ideal_sum_rate = ideal_sum_rate(record, arguments);
     }
     end(flown, arguments)
-}
-
-/// Returns the certified bound of a mission if it was asked for: from the `bounds.csv` beside the
-/// scenario file, which is looked up by the digest of the mission, or else computed now.
-fn certified_bound(scenario: &Scenario, arguments: &RunArguments) -> Option<CertifiedBound> {
-    if !arguments.bound {
-        return None;
-    }
-    let folder = arguments.mission.scenario.parent()?;
-    let folder = match folder.as_os_str().is_empty() {
-        true => Path::new("."),
-        false => folder,
-    };
-    let known = Bounds::read(folder).unwrap_or_else(|problem| {
-        eprintln!("warning: {problem}");
-        Bounds::default()
-    });
-    if let Some(record) = known.of(&scenario.digest()) {
-        return Some(CertifiedBound {
-            upper: record.upper,
-            file: Some(folder.join(BOUNDS_FILE).display().to_string()),
-        });
-    }
-    match certify_watched(scenario, &BoundSettings::default(), None) {
-        Ok(bound) => Some(CertifiedBound {
-            upper: bound.upper,
-            file: None,
-        }),
-        Err(problem) => {
-            eprintln!("warning: no certified bound: {problem}");
-            None
-        }
-    }
 }
 
 /// Flies the same policy with the ideal vehicle if the flight was with another one. The difference
 /// of the totals is the loss due to the vehicle's dynamics and its links.
 fn ideal_sum_rate(record: &FlightRecord, arguments: &RunArguments) -> Option<f64> {
-    if record.profile == Profile::Ideal.name() {
+    if Profile::from_str(&record.profile).is_ok_and(Profile::is_ideal) {
         return None;
     }
     let (policy, inner) = (&arguments.policy, arguments.inner);
-    let ideal = context::fly(&record.scenario, &record.changes, policy, inner).ok()?;
+    let ideal = ideal_flight::fly(&record.scenario, &record.changes, policy, inner).ok()?;
     Some(ideal.summary().sum_rate)
 }
 
@@ -243,36 +190,51 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
     let chosen = (&arguments.policy, arguments.profile.unwrap_or_default());
     match arguments.board.open(scenario, chosen)? {
         OpenBoard::Image(mut image) => {
-            let (prepared, _) = prepare(arguments, scenario, "in flash".into())?;
-            end(fly(scenario, &mut *image, prepared), arguments)
+            fly_ordered(arguments, scenario, &mut *image, "in flash".into())
         }
-        OpenBoard::Twin(mut twin) => {
-            let (prepared, _) = prepare(arguments, scenario, arguments.policy.to_string())?;
-            end(fly(scenario, &mut *twin, prepared), arguments)
-        }
+        OpenBoard::Twin(mut twin) => fly_ordered(
+            arguments,
+            scenario,
+            &mut *twin,
+            arguments.policy.to_string(),
+        ),
     }
+}
+
+/// Flies with a controller that has its mission order.
+fn fly_ordered(
+    arguments: &RunArguments,
+    scenario: &Scenario,
+    computer: &mut impl OnboardComputer,
+    policy: String,
+) -> Result<(), Failure> {
+    let trained_for = computer.scenario_digest();
+    let policy_warning = trained_for.and_then(|digest| scenario.foreign_policy(digest));
+    warn_of_policy(&policy, policy_warning.as_deref());
+    let (prepared, _) = prepare(arguments, scenario, policy)?;
+    end(fly(scenario, computer, prepared, policy_warning), arguments)
 }
 
 /// What every computer needs for a flight.
 struct Prepared {
     settings: FlightSettings,
     peer: Peer,
-    show: Show,
+    progress: Progress,
 }
 
-/// The folder, the vehicle, and what is shown meanwhile.
+/// Prepares the output directory, the vehicle and the progress display.
 fn prepare(
     arguments: &RunArguments,
     scenario: &Scenario,
     policy: String,
 ) -> Result<(Prepared, ClientSettings), Failure> {
-    report::prepare(&arguments.out)
+    report::prepare(&arguments.output.out)
         .map_err(|error| Failure::bad_input(format!("--out: {error}")))?;
     let settings = FlightSettings {
         policy,
         inner: arguments.inner,
         profile: arguments.profile.unwrap_or_default(),
-        pace: arguments.speed,
+        real_time_factor: arguments.speed,
         seed: arguments.seed,
         symbols_per_slot: arguments.symbols,
         events: match &arguments.events {
@@ -282,77 +244,67 @@ fn prepare(
     };
     let (peer, client) = connect(arguments, scenario)?;
     let peer = peer
-        .log_to(&arguments.out.join("mavlink.tlog"))
+        .log_to(&arguments.output.out.join("mavlink.tlog"))
         .map_err(|error| Failure::failed(format!("mavlink.tlog: {error}")))?;
-    let show = Show::new(scenario, shows_events(arguments))?;
+    let progress = Progress::new(scenario, shows_events(arguments))?;
     let prepared = Prepared {
         settings,
         peer,
-        show,
+        progress,
     };
     Ok((prepared, client))
 }
 
-/// Flies with any computer, and writes and prints what came of it.
+/// Flies with any computer. The record has the warning about the policy, also if the flight fails.
 fn fly(
     scenario: &Scenario,
     computer: &mut impl OnboardComputer,
     prepared: Prepared,
+    policy_warning: Option<String>,
 ) -> Result<FlightRecord, FailedFlight> {
     let Prepared {
         settings,
         peer,
-        mut show,
+        mut progress,
     } = prepared;
-    let flown = flight::fly_with(scenario, computer, &settings, peer, &mut show);
-    show.bar.finish_and_clear();
+    let mut flown = flight::fly_with(scenario, computer, &settings, peer, &mut progress);
+    progress.clear();
     if let Ok(Some(footprint)) = computer.footprint() {
         eprintln!("{}", footprint_line(&footprint));
     }
+    let record = match &mut flown {
+        Ok(record) => Some(record),
+        Err(failed) => failed.record.as_deref_mut(),
+    };
+    if let Some(record) = record {
+        record.notes.policy_warning = policy_warning;
+    }
     flown
+}
+
+/// Reports the flight. Events that were not displayed when they happened are displayed now if it
+/// failed.
+fn end(
+    mut flown: Result<FlightRecord, FailedFlight>,
+    arguments: &RunArguments,
+) -> Result<(), Failure> {
+    if let Ok(record) = &mut flown
+        && arguments.bound
+    {
+        let file = &arguments.mission.scenario;
+        record.notes.certified_bound = certified_bound(&record.scenario, file);
+    }
+    ending::report(flown, &arguments.output, !shows_events(arguments))
 }
 
 /// Returns whether events are displayed when they happen. With the built-in vehicle at full speed a
 /// mission takes only a moment, and its events are displayed only if the flight fails.
 fn shows_events(arguments: &RunArguments) -> bool {
-    arguments.link != LinkAddress::Builtin || arguments.speed != Pace::Max
+    arguments.link != LinkAddress::Builtin || arguments.speed != RealTimeFactor::Max
 }
 
-/// Formats an event as one line.
-fn line(event: &FlightEvent) -> String {
-    format!("{:9.2} s  {}", event.time_s, event.text)
-}
-
-/// Writes the report of a flight that was completed or failed, and returns its error.
-fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> Result<(), Failure> {
-    let failed = match flown {
-        Ok(mut record) => {
-            record.notes.certified_bound = certified_bound(&record.scenario, arguments);
-            return conclude(&record, arguments);
-        }
-        Err(failed) => failed,
-    };
-    if let Some(record) = &failed.record {
-        if !shows_events(arguments) {
-            for event in &record.events {
-                eprintln!("{}", line(event));
-            }
-        }
-        // A failed flight is reported as well; its cause matters more than an error in writing the
-        // report.
-        if let Err(Failure::Failed(problem)) = write_report(record, arguments) {
-            eprintln!("warning: {problem}");
-        }
-    }
-    Err(match failed.error {
-        error @ FlightError::Allocation(_) => Failure::bad_input(error),
-        error @ FlightError::Ended { .. } => Failure::Interrupted(error.to_string()),
-        error => Failure::failed(error),
-    })
-}
-
-/// The vehicle, built in or at the other end of `--link`, and what the client in this process may do
-/// with it.
+/// Creates the built-in vehicle or opens `--link`, and returns it with the settings of the client in
+/// this process.
 fn connect(
     arguments: &RunArguments,
     scenario: &Scenario,
@@ -363,7 +315,7 @@ fn connect(
         let failed = |error| Failure::failed(format!("{option} {address}: {error}"));
         address.open().map_err(failed)
     };
-    let mut client = ClientSettings::default().spoken_to_as(arguments.own.address());
+    let mut client = ClientSettings::default().with_address(arguments.own.address());
     let mut peer = if arguments.link == LinkAddress::Builtin {
         let mut vehicle = flight::vehicle_settings(scenario, arguments.profile.unwrap_or_default());
         vehicle.signing = key.clone().map(|key| (key, 0));
@@ -374,16 +326,16 @@ fn connect(
             arguments.link,
             flight::CONNECT_PATIENCE.as_secs_f64()
         );
-        let file = arguments.out.join(journal::FILE_NAME);
+        let file = arguments.output.out.join(journal::FILE_NAME);
         let journal = ParameterJournal::open(&file, &arguments.link.to_string());
         client = client.with_journal(journal.map_err(Failure::bad_input)?);
-        Peer::elsewhere(open("--link", &arguments.link)?)
+        Peer::external(open("--link", &arguments.link)?)
     };
     if arguments.link != LinkAddress::Builtin && arguments.profile.is_none() {
-        client = client.naming_profile();
+        client = client.with_profile_from_heartbeat();
     }
     for address in &arguments.also {
-        peer = peer.beside(&address.to_string(), open("--also", address)?);
+        peer = peer.with_ground_station(&address.to_string(), open("--also", address)?);
     }
     if let Some(key) = key {
         client = client.signed_with(key);
@@ -398,120 +350,4 @@ fn connect(
         client = client.with_parameters_set();
     }
     Ok((peer, client))
-}
-
-/// Writes the report's files and prints the summary.
-fn write_report(record: &FlightRecord, arguments: &RunArguments) -> Result<Summary, Failure> {
-    let out = &arguments.out;
-    let summary: Summary = report::write(record, out)
-        .map_err(|error| Failure::failed(format!("{}: {error}", out.display())))?;
-    let mut stdout = std::io::stdout().lock();
-    if arguments.json {
-        let text = serde_json::to_string_pretty(&summary).map_err(Failure::failed)?;
-        writeln!(stdout, "{text}")?;
-    } else {
-        if !record.slots.is_empty() {
-            writeln!(
-                stdout,
-                "{}",
-                report::table(record, &summary, Look::of_stdout())
-            )?;
-        }
-        writeln!(stdout, "report: {}", out.join("report.html").display())?;
-    }
-    Ok(summary)
-}
-
-/// Writes the report of a completed mission. Fails if the vehicle did not arrive or a constraint was
-/// violated.
-fn conclude(record: &FlightRecord, arguments: &RunArguments) -> Result<(), Failure> {
-    let summary = write_report(record, arguments)?;
-    if summary.mse_violations > 0 {
-        eprintln!(
-            "warning: the MSE exceeded the threshold in {} of {} slots",
-            summary.mse_violations, summary.slots
-        );
-    }
-    if summary.arrived && summary.fair && summary.constraint_violations == 0 {
-        return Ok(());
-    }
-    Err(Failure::failed(format!(
-        "the mission was flown to its last slot, but {}: {:.1} m from the destination, {} constraint \
-         violations; if the vehicle is slower than the mission requires, host-sim doctor lists the \
-         parameters that limit it, and --set-params sets them for the flight",
-        if summary.arrived {
-            "violates its constraints"
-        } else {
-            "did not reach the destination"
-        },
-        summary.arrival_distance_m,
-        summary.constraint_violations
-    )))
-}
-
-/// Displays a progress bar over the slots and the events above it, and watches for Ctrl-C.
-struct Show {
-    bar: ProgressBar,
-    data: f64,
-    /// Whether events are displayed when they happen.
-    events: bool,
-    presses: Presses,
-}
-
-impl Show {
-    fn new(scenario: &Scenario, events: bool) -> Result<Self, Failure> {
-        let slots = u64::from(scenario.mission.slots());
-        let bar = ProgressBar::with_draw_target(Some(slots), terminal()).with_style(
-            ProgressStyle::with_template("slot {pos}/{len} {wide_bar} {msg} {elapsed}")
-                .map_err(Failure::failed)?,
-        );
-        Ok(Self {
-            bar,
-            data: 0.0,
-            events,
-            presses: Presses::watch(),
-        })
-    }
-}
-
-impl Observer for Show {
-    fn slot(&mut self, slot: &SlotRecord) {
-        self.data += slot.rate;
-        self.bar.set_message(format!(
-            "user {} {:.3} bit/s/Hz, sum {:.2}",
-            slot.user_name(),
-            slot.rate,
-            self.data
-        ));
-        self.bar.set_position(u64::from(slot.slot));
-    }
-
-    fn event(&mut self, event: &FlightEvent) {
-        if self.events && event.notable {
-            self.bar.suspend(|| eprintln!("{}", line(event)));
-        }
-        if self.bar.position() == 0 {
-            self.bar.set_message(event.text.clone());
-        }
-    }
-
-    fn waiting(&mut self, words: &str) {
-        self.bar.suspend(|| eprintln!("{words}"));
-    }
-
-    fn duty(&mut self, words: &str) {
-        self.bar.suspend(|| eprintln!("warning: {words}"));
-    }
-
-    fn note(&mut self, words: &str) {
-        self.bar.suspend(|| eprintln!("note: {words}"));
-    }
-
-    fn wants_stop(&self) -> bool {
-        self.presses.count() >= 1
-    }
-
-    fn wants_end(&self) -> bool {
-        self.presses.count() >= 2
-    }
 }

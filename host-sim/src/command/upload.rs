@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use environment::Allocation;
 use firmware_core::autopilot::mission::Ending;
 use host_sim::{
-    flight::{self, FlightSettings, Pace, Peer},
+    flight::{self, FlightSettings, Peer, RealTimeFactor},
     interrupt,
     policy::PolicyChoice,
     upload::{Upload, UploadProgress},
@@ -13,7 +13,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use vehicle::{Profile, Vehicle};
 
 use super::doctor::AutopilotArguments;
-use super::{Failure, load_policy, load_scenario, terminal};
+use super::{Failure, load_policy, load_scenario, terminal, warn_of_policy};
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum EndingChoice {
@@ -55,11 +55,12 @@ const SAME_PLACE_M: f64 = 0.5;
 pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let scenario = load_scenario(&arguments.autopilot.scenario)?;
     let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
+    warn_of_policy(&policy_name, policy.foreign_mission(&scenario).as_deref());
     let settings = FlightSettings {
         policy: policy_name,
         inner: Allocation::Exact,
         profile: Profile::Ideal,
-        pace: Pace::Max,
+        real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
         events: scenario::Events::default(),

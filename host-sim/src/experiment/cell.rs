@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_training_is_named_by_what_it_is_called_with() {
+    fn a_training_is_named_by_its_arguments() {
         let cell = Cell::table_one(Topology::Mixed).at_noise(HIGH_NOISE_DBM);
         let training = Training {
             learning_rate: Some("1e-3"),

@@ -1,13 +1,15 @@
 //! Learning curves of SAC with Table I's settings at several learning rates.
 
-use plotters::chart::SeriesLabelPosition;
+use figures::{
+    chart::{Axis, Chart, Panel},
+    series::{Look, Series},
+};
 use serde::{Deserialize, Serialize};
 
 use super::{
     cell::{Cell, Learner, Preset, Topology, Training},
     claims::{Claim, Tally, Verdict},
     context::ExperimentContext,
-    figure::{Axis, Figure, LOOKS, Panel, Series},
     learning_rows::{LearningRow, TABLE_ONE_RATE, rate_of},
     rounded, statistics,
 };
@@ -28,6 +30,14 @@ pub(super) struct CurveRow {
     interval_95: Option<f64>,
 }
 
+impl CurveRow {
+    /// Returns the ends of the confidence interval; the mean twice if there is none.
+    fn interval(&self) -> (f64, f64) {
+        let (mean, half) = (self.episodic_return, self.interval_95.unwrap_or(0.0));
+        (mean - half, mean + half)
+    }
+}
+
 /// Returns the trainings that the figure needs.
 pub(super) fn trainings() -> Vec<Training> {
     let cell = Cell::table_one(Topology::Separated);
@@ -42,7 +52,7 @@ pub(super) fn trainings() -> Vec<Training> {
 
 /// Computes the means over the seeds.
 pub(super) fn measure(context: &mut ExperimentContext<'_>) -> Result<Vec<CurveRow>, String> {
-    let rows = context.learning_curves(&trainings())?;
+    let rows = context.trainings().learning_curves(&trainings())?;
     let digest = Cell::table_one(Topology::Separated).scenario()?.digest();
     let mut curves = Vec::new();
     for rate in LEARNING_RATES.map(rate_of) {
@@ -73,34 +83,27 @@ fn of_rate(rows: &[CurveRow], rate: f64) -> Vec<&CurveRow> {
 }
 
 /// Draws the mean and its band over the episodes.
-pub(super) fn figure(rows: &[CurveRow]) -> Figure {
-    let y = Axis::around(
-        "return of an episode, bit/s/Hz",
-        rows.iter().map(|row| row.episodic_return),
-        0,
-    );
-    let series = LEARNING_RATES.iter().zip(LOOKS).map(|(text, look)| {
+pub(super) fn chart(title: &str, rows: &[CurveRow]) -> Chart {
+    let series = LEARNING_RATES.iter().enumerate().map(|(index, text)| {
         let curve = of_rate(rows, rate_of(text));
         let points = curve
             .iter()
             .map(|row| (f64::from(row.episode), row.episodic_return));
-        let within = |value: f64| value.clamp(y.from, y.to);
-        let band = curve.iter().map(|row| {
-            let (mean, half) = (row.episodic_return, row.interval_95.unwrap_or(0.0));
-            (within(mean - half), within(mean + half))
-        });
+        let band = curve.iter().map(|row| row.interval());
         let name = match *text == TABLE_ONE_RATE {
-            true => format!("{text} (Table I)"),
-            false => (*text).to_owned(),
+            true => format!("learning rate {text} (Table I)"),
+            false => format!("learning rate {text}"),
         };
         Series {
             band: band.collect(),
             mark_every: 10,
-            ..Series::new(name, look, points.collect())
+            ..Series::new(name, Look::nth(index), points.collect())
         }
     });
     let runs = rows.iter().map(|row| row.runs).max().unwrap_or(0);
-    Figure {
+    let episodes = rows.iter().map(|row| f64::from(row.episode));
+    Chart {
+        title: title.into(),
         panels: vec![Panel {
             title: match runs {
                 1 => "SAC, separated topology: one seed each".into(),
@@ -108,21 +111,20 @@ pub(super) fn figure(rows: &[CurveRow]) -> Figure {
                 _ => format!("SAC, separated topology: mean and 95 % interval of {runs} seeds"),
             },
             x: Axis {
-                label: "episode".into(),
-                from: 0.0,
-                to: rows
-                    .iter()
-                    .map(|row| f64::from(row.episode))
-                    .fold(0.0, f64::max),
                 ticks: 9,
-                digits: 0,
+                ..Axis::new("episode", [0.0, episodes.fold(1.0, f64::max)])
             },
+            y: Axis::around(
+                "return of an episode, bit/s/Hz",
+                rows.iter().flat_map(|row| {
+                    let (low, high) = row.interval();
+                    [low, high]
+                }),
+            ),
             series: series.collect(),
-            legend: SeriesLabelPosition::LowerRight,
-            y,
         }],
         columns: 1,
-        size: (760, 460),
+        size: [700.0, 360.0],
     }
 }
 
@@ -235,12 +237,12 @@ pub(super) fn claims(rows: &[CurveRow]) -> Vec<Claim> {
                  tenth, of {runs} seed(s) each: {}.",
                 describe(&|course| match course.complete {
                     true => format!("{:.2}, {:.2}", course.unrest, course.end),
-                    false => "broken off: a loss beyond its limit".into(),
+                    false => "stopped: a loss exceeded its limit".into(),
                 })
             ),
             match courses.iter().all(|course| course.complete) {
                 true => {
-                    "No rate up to ten times Table I's is too large for this mission to break off."
+                    "No rate up to ten times Table I's is too large for this mission: no run stopped."
                 }
                 false => "",
             },

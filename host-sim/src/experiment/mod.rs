@@ -4,7 +4,11 @@
 //! | module | contents |
 //! |---|---|
 //! | [`cell`] | the missions that are flown, the trainings that produce policies, their names |
-//! | [`context`] | policies (shipped or trained now), certified bounds, flights |
+//! | [`approach`] | the approaches that are compared |
+//! | [`context`] | what the figures are measured with: settings, policies, bounds, flights |
+//! | [`trainings`] | policies and learning curves: shipped, trained before, or trained now |
+//! | [`bounds`] | certified bounds: stored, or certified now |
+//! | [`ideal_flight`] | the flight of a scenario on the ideal vehicle |
 //! | [`seed_table`], [`seeds`] | the stored results of trainings, and the flights that make them |
 //! | [`totals`] | figures of total rates: `approaches`, `noise`, `strategies`, `mission-time` |
 //! | [`service`] | figures of single flights: trajectories, `schedule`, `data-per-user` |
@@ -15,11 +19,13 @@
 //! A figure is measured once, into its CSV file; drawings, verdicts and reports are made from this
 //! file.
 
+pub mod approach;
+pub mod bounds;
 pub mod cell;
 pub mod claims;
 pub mod context;
 mod convergence;
-mod figure;
+pub mod ideal_flight;
 mod learning_rows;
 pub mod report;
 pub mod seed_table;
@@ -28,12 +34,14 @@ pub mod service;
 pub mod statistics;
 pub mod table;
 pub mod totals;
+pub mod trainings;
 
 use std::{fmt::Debug, path::Path};
 
-pub use context::{ExperimentContext, Settings};
+pub use context::{ExperimentContext, ExperimentSettings};
 
 use claims::Claim;
+use figures::chart::Chart;
 
 /// A figure of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,12 +106,12 @@ impl Experiment {
             Self::TrajectoriesSeparated => "Paths in the separated topology (fig:topo1)",
             Self::TrajectoriesMixed => "Paths in the mixed topology (fig:topo2)",
             Self::TrajectoriesCompared => "Paths of the approaches compared (fig:topo_ddpg)",
-            Self::DataPerUser => "What each user has sent, over the threshold (fig:data)",
-            Self::Schedule => "Who is served when (fig:access)",
+            Self::DataPerUser => "Data sent by each user, over the threshold (fig:data)",
+            Self::Schedule => "Served user of each slot (fig:access)",
             Self::Approaches => "Approaches to the outer problem, over the threshold (fig:alg)",
             Self::Noise => "SAC (tuned) at two noise powers (fig:sigma)",
-            Self::Strategies => "With something held fixed, over the threshold (fig:diffing)",
-            Self::MissionTime => "With something held fixed, over the mission time (fig:diffint)",
+            Self::Strategies => "One quantity held fixed, over the threshold (fig:diffing)",
+            Self::MissionTime => "One quantity held fixed, over the mission time (fig:diffint)",
         }
     }
 
@@ -130,20 +138,19 @@ impl Experiment {
     ///
     /// # Errors
     /// Returns a message of one line if the file is missing or has other columns.
-    pub fn draw(self, directory: &Path) -> Result<String, String> {
+    pub fn draw(self, directory: &Path) -> Result<Chart, String> {
         let path = self.csv(directory);
-        let figure = match self {
-            Self::Convergence => convergence::figure(&table::read(&path)?),
+        Ok(match self {
+            Self::Convergence => convergence::chart(self.title(), &table::read(&path)?),
             Self::TrajectoriesSeparated | Self::TrajectoriesMixed | Self::TrajectoriesCompared => {
                 service::map(self, &table::read(&path)?)?
             }
             Self::Schedule => service::timeline(&table::read(&path)?),
-            Self::DataPerUser => service::data_figure(&table::read(&path)?),
+            Self::DataPerUser => service::data_chart(&table::read(&path)?),
             Self::Approaches | Self::Noise | Self::Strategies | Self::MissionTime => {
-                totals::figure(self, &table::read(&path)?)
+                totals::chart(self, &table::read(&path)?)
             }
-        };
-        figure.to_svg()
+        })
     }
 
     /// Returns the paper's claims about the figure with the verdicts from `NAME.csv` in a

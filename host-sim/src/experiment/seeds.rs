@@ -11,10 +11,10 @@ use sha2::{Digest as _, Sha256};
 use super::{
     ExperimentContext,
     cell::{Cell, Learner, Training},
-    context::CELLS,
     rounded,
     seed_table::{SEEDS, SeedRow},
     table,
+    trainings::CELLS,
 };
 use crate::policy::{HostPolicy, PolicyChoice};
 use environment::Allocation;
@@ -56,7 +56,7 @@ pub fn collect(context: &ExperimentContext<'_>, runs: Option<&Path>) -> Result<C
     for training in trainings {
         let run = runs.map(|runs| runs.join(training.to_string()));
         let run = run.filter(|run| run.is_dir());
-        let file = match (context.find(&training), run) {
+        let file = match (context.trainings().find(&training), run) {
             (Some(file), _) => Some(file),
             (None, Some(run)) if finished(&run) => Some(run.join("policy.onnx")),
             (None, Some(_)) => {
@@ -90,7 +90,7 @@ pub fn collect(context: &ExperimentContext<'_>, runs: Option<&Path>) -> Result<C
                 rows.push(row);
             }
             None => {
-                let stored = context.stored(training)?;
+                let stored = context.trainings().stored(training)?;
                 collected.kept += usize::from(stored.is_some());
                 rows.extend(stored.cloned());
             }

@@ -1,24 +1,22 @@
 //! Figures of single flights: the trajectory, the served user of each slot, and the data that each
 //! user has sent. Every flight is that of seed 1.
 
+mod drawing;
 mod verdicts;
 
-use firmware_core::Position;
-use plotters::chart::SeriesLabelPosition;
 use serde::{Deserialize, Serialize};
 
 use super::{
     Experiment,
+    approach::Approach,
     cell::{Cell, MSE_THRESHOLDS, Preset, Topology, Training},
     context::ExperimentContext,
-    figure::{Axis, Figure, LOOKS, Line, Look, Marker, Panel, Series, look},
     rounded,
-    totals::Approach,
 };
 use crate::{policy::PolicyChoice, record::FlightRecord};
 use environment::Allocation;
-use scenario::HostMission;
 
+pub(super) use drawing::{data_chart, map, timeline};
 pub(super) use verdicts::{
     claims_of_approaches, claims_of_data, claims_of_schedule, claims_of_thresholds,
 };
@@ -114,7 +112,7 @@ fn fly(
     let wanted = flights
         .iter()
         .filter_map(|&(cell, approach)| training(cell, approach));
-    let files = context.policies(&wanted.collect::<Vec<_>>())?;
+    let files = context.trainings().policies(&wanted.collect::<Vec<_>>())?;
     let mut files = files.into_iter();
     let mut flown = Vec::new();
     for (cell, approach) in flights {
@@ -188,191 +186,6 @@ fn flight_of(rows: &[SlotRow], cell: Cell, approach: Approach) -> Vec<&SlotRow> 
             && row.approach == approach
     };
     rows.iter().filter(belongs).collect()
-}
-
-const USERS: Look = look(Marker::Triangle, Line::None, [90, 90, 90]);
-const SENSORS: Look = look(Marker::Dot, Line::None, [150, 150, 150]);
-const ENDS: Look = look(Marker::Diamond, Line::None, [0, 0, 0]);
-
-/// Returns the users, the sensors, the start and the destination.
-fn ground(mission: &HostMission) -> Vec<Series> {
-    let p = mission.parameters();
-    let place = |place: &Position<f64>| (place.x, place.y);
-    let users: Vec<_> = p.users.iter().map(place).collect();
-    let labels = (1..=users.len()).map(|user| user.to_string()).collect();
-    vec![
-        Series::new("sensors", SENSORS, p.sensors.iter().map(place).collect()),
-        Series {
-            labels,
-            ..Series::new("users", USERS, users)
-        },
-        Series {
-            labels: vec!["start".into(), "destination".into()],
-            ..Series::new("", ENDS, vec![place(&p.start), place(&p.destination)])
-        },
-    ]
-}
-
-/// Returns the panels of a map: for each topology, or for the comparison of learners for each preset
-/// and topology, so that only learners of the same preset are drawn together.
-fn map_panels(experiment: Experiment) -> Vec<(Topology, Option<Preset>)> {
-    let presets: &[Option<Preset>] = match experiment {
-        Experiment::TrajectoriesCompared => &[Some(Preset::Tuned), Some(Preset::TableOne)],
-        _ => &[None],
-    };
-    let of_preset =
-        |&preset: &Option<Preset>| Topology::ALL.map(|topology: Topology| (topology, preset));
-    presets.iter().flat_map(of_preset).collect()
-}
-
-/// Draws the trajectories on a map.
-pub(super) fn map(experiment: Experiment, rows: &[SlotRow]) -> Result<Figure, String> {
-    let mut panels = Vec::new();
-    for (topology, preset) in map_panels(experiment) {
-        let is_shown = |approach: Approach| match (preset, approach) {
-            (None, _) | (_, Approach::StraightLine) => true,
-            (Some(preset), _) => {
-                [Approach::sac(preset), Approach::ddpg(preset)].contains(&approach)
-            }
-        };
-        let flights: Vec<_> = flights(experiment)
-            .into_iter()
-            .filter(|&(cell, approach)| cell.topology == topology && is_shown(approach))
-            .collect();
-        if flights.is_empty() {
-            continue;
-        }
-        let scenario = Cell::table_one(topology).scenario()?;
-        let p = scenario.mission.parameters();
-        let axis = |label: &str, to: f64| Axis {
-            label: label.into(),
-            from: 0.0,
-            to,
-            ticks: 6,
-            digits: 0,
-        };
-        let mut series = ground(&scenario.mission);
-        for ((cell, approach), look) in flights.into_iter().zip(LOOKS) {
-            let flight = flight_of(rows, cell, approach);
-            let path = flight.iter().map(|row| (row.east_m, row.north_m));
-            let path = std::iter::once((p.start.x, p.start.y)).chain(path);
-            let name = match (experiment, approach) {
-                (_, Approach::StraightLine) => approach.title().to_owned(),
-                (Experiment::TrajectoriesCompared, _) => {
-                    format!("{}, Gamma {:.3}", approach.title(), cell.mse_threshold)
-                }
-                _ => format!("Gamma {:.3}", cell.mse_threshold),
-            };
-            series.push(Series {
-                mark_every: 4,
-                ..Series::new(name, look, path.collect())
-            });
-        }
-        panels.push(Panel {
-            title: match preset {
-                Some(preset) => format!("{}, {}", topology.title(), preset.title()),
-                None => format!("{}, SAC (tuned)", topology.title()),
-            },
-            x: axis("east, m", p.area.east_m),
-            y: axis("north, m", p.area.north_m),
-            series,
-            legend: match topology {
-                Topology::Separated => SeriesLabelPosition::MiddleRight,
-                Topology::Mixed => SeriesLabelPosition::LowerRight,
-            },
-        });
-    }
-    Ok(Figure {
-        columns: panels.len().min(2),
-        panels,
-        size: (640, 620),
-    })
-}
-
-/// Draws the served users over the slots.
-pub(super) fn timeline(rows: &[SlotRow]) -> Figure {
-    let users = rows.iter().map(|row| row.user).max().unwrap_or(1) as f64;
-    let slots = rows.iter().map(|row| row.slot).max().unwrap_or(1);
-    let panel = |topology: Topology| {
-        let flights = flights(Experiment::Schedule);
-        let flights = flights
-            .into_iter()
-            .filter(|(cell, _)| cell.topology == topology);
-        let looks = [
-            look(Marker::Circle, Line::None, LOOKS[0].color),
-            look(Marker::Cross, Line::None, LOOKS[1].color),
-        ];
-        let series = flights.zip(looks).map(|((cell, approach), look)| {
-            let flight = flight_of(rows, cell, approach);
-            let points = flight
-                .iter()
-                .map(|row| (f64::from(row.slot), row.user as f64));
-            let name = format!("Gamma {:.3}", cell.mse_threshold);
-            Series::new(name, look, points.collect())
-        });
-        Panel {
-            title: format!("SAC (tuned), {}", topology.title()),
-            x: Axis {
-                label: "slot".into(),
-                from: 0.0,
-                to: f64::from(slots) + 1.0,
-                ticks: 12,
-                digits: 0,
-            },
-            y: Axis {
-                label: "served user".into(),
-                from: 0.0,
-                to: users + 4.0,
-                ticks: 16,
-                digits: 0,
-            },
-            series: series.collect(),
-            legend: SeriesLabelPosition::UpperRight,
-        }
-    };
-    Figure {
-        panels: Topology::ALL.map(panel).into(),
-        columns: 1,
-        size: (860, 400),
-    }
-}
-
-/// Draws the data of the users, with one series per threshold.
-pub(super) fn data_figure(rows: &[DataRow]) -> Figure {
-    let users = rows.iter().map(|row| row.user).max().unwrap_or(1) as f64;
-    let most = rows.iter().map(|row| row.data);
-    let y = Axis::around("data of a user, bit/Hz", most, 0).with_zero();
-    let panel = |topology: Topology| {
-        let series = MSE_THRESHOLDS.iter().zip(LOOKS).map(|(&threshold, look)| {
-            let points = data_of(rows, topology, threshold);
-            let points = points.iter().map(|row| (row.user as f64, row.data));
-            Series::new(format!("Gamma {threshold:.3}"), look, points.collect())
-        });
-        let mut series: Vec<Series> = series.collect();
-        // The loosest threshold is on top in the drawing, and therefore also in the legend.
-        series.reverse();
-        Panel {
-            title: format!("SAC (tuned), {}", topology.title()),
-            x: Axis {
-                label: "user".into(),
-                from: 0.0,
-                to: users + 1.0,
-                ticks: 16,
-                digits: 0,
-            },
-            y: Axis {
-                to: 1.3 * y.to,
-                ..y.clone()
-            },
-            series,
-            legend: SeriesLabelPosition::UpperRight,
-        }
-    };
-    Figure {
-        panels: Topology::ALL.map(panel).into(),
-        columns: 2,
-        size: (540, 420),
-    }
 }
 
 fn data_of(rows: &[DataRow], topology: Topology, threshold: f64) -> Vec<&DataRow> {

@@ -18,7 +18,7 @@ pub fn read<Row: DeserializeOwned>(path: &Path) -> Result<Vec<Row>, String> {
     let rows: Result<Vec<Row>, _> = reader.deserialize().collect();
     let rows = rows.map_err(|error| named(path, error))?;
     if rows.is_empty() {
-        return Err(named(path, "has no rows: measure it anew"));
+        return Err(named(path, "has no rows: measure it again"));
     }
     Ok(rows)
 }

@@ -1,126 +1,30 @@
 //! Figures of total rates: the result of every approach on every mission of a figure.
 
+mod approach_verdicts;
+mod by_mission;
+mod drawing;
 mod verdicts;
 
-use std::fmt::Write as _;
-
-use plotters::chart::SeriesLabelPosition;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
     Experiment,
-    cell::{
-        Cell, HIGH_NOISE_DBM, Learner, MISSION_TIMES_S, MSE_THRESHOLDS, NOISE_DBM, Preset,
-        Topology, Training,
-    },
+    approach::Approach,
+    cell::{Cell, HIGH_NOISE_DBM, MISSION_TIMES_S, MSE_THRESHOLDS, NOISE_DBM, Topology, Training},
     claims::range,
-    context::{ExperimentContext, Run},
-    figure::{Axis, Figure, LOOKS, Look, Panel, Series},
+    context::ExperimentContext,
     rounded,
     seed_table::SeedRow,
     statistics,
+    trainings::Run,
 };
 use crate::policy::PolicyChoice;
 use environment::Allocation;
 
-pub(super) use verdicts::{
-    claims_of_approaches, claims_of_mission_time, claims_of_noise, claims_of_strategies,
-};
-
-/// The policy and allocation of a mission, or a reference that it is compared with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Approach {
-    /// SAC with the trainer's preset `tuned`.
-    SacTuned,
-    /// SAC with Table I's settings.
-    SacTableOne,
-    /// DDPG with the trainer's preset `tuned`.
-    DdpgTuned,
-    /// DDPG with Table I's settings.
-    DdpgTableOne,
-    /// Straight to the destination, serving the nearest admissible user.
-    StraightLine,
-    /// The best known mission.
-    Search,
-    /// The certified upper bound of any mission.
-    Bound,
-    /// Hovering over the centre of all nodes, serving the nearest admissible user.
-    FixedPosition,
-    /// The policy of SAC, tuned; users send with full power or not at all.
-    FixedUserPower,
-    /// The policy of SAC, tuned; sensors send with full power.
-    FixedSensorPower,
-}
-
-impl Approach {
-    /// Returns the name for legends and tables.
-    pub fn title(self) -> &'static str {
-        match self {
-            Self::SacTuned => "SAC (tuned)",
-            Self::SacTableOne => "SAC (Table I)",
-            Self::DdpgTuned => "DDPG (tuned)",
-            Self::DdpgTableOne => "DDPG (Table I)",
-            Self::StraightLine => "straight line",
-            Self::Search => "search",
-            Self::Bound => "certified bound",
-            Self::FixedPosition => "fixed position",
-            Self::FixedUserPower => "fixed user power",
-            Self::FixedSensorPower => "fixed sensor power",
-        }
-    }
-
-    /// Returns the appearance, which is the same in every figure.
-    fn look(self) -> Look {
-        LOOKS[match self {
-            Self::SacTuned => 0,
-            Self::DdpgTableOne | Self::FixedPosition => 1,
-            Self::StraightLine | Self::FixedUserPower => 2,
-            Self::Search | Self::FixedSensorPower => 3,
-            Self::SacTableOne => 4,
-            Self::Bound => 5,
-            Self::DdpgTuned => 6,
-        }]
-    }
-
-    /// Returns SAC with a preset.
-    pub fn sac(preset: Preset) -> Self {
-        match preset {
-            Preset::Tuned => Self::SacTuned,
-            Preset::TableOne => Self::SacTableOne,
-        }
-    }
-
-    /// Returns DDPG with a preset.
-    pub fn ddpg(preset: Preset) -> Self {
-        match preset {
-            Preset::Tuned => Self::DdpgTuned,
-            Preset::TableOne => Self::DdpgTableOne,
-        }
-    }
-
-    /// Returns the learner of the approach, if it has one.
-    pub(super) fn learner(self) -> Option<Learner> {
-        match self {
-            Self::SacTuned | Self::FixedUserPower | Self::FixedSensorPower => {
-                Some(Learner::Sac(Preset::Tuned))
-            }
-            Self::SacTableOne => Some(Learner::Sac(Preset::TableOne)),
-            Self::DdpgTuned => Some(Learner::Ddpg(Preset::Tuned)),
-            Self::DdpgTableOne => Some(Learner::Ddpg(Preset::TableOne)),
-            Self::StraightLine | Self::Search | Self::Bound | Self::FixedPosition => None,
-        }
-    }
-
-    fn inner(self) -> Allocation {
-        match self {
-            Self::FixedUserPower => Allocation::FixedUserPower(None),
-            Self::FixedSensorPower => Allocation::FixedSensorPower(None),
-            _ => Allocation::Exact,
-        }
-    }
-}
+pub(super) use approach_verdicts::claims_of_approaches;
+pub(super) use drawing::chart;
+pub(super) use verdicts::{claims_of_mission_time, claims_of_noise, claims_of_strategies};
 
 /// A row of a figure's CSV file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -150,13 +54,13 @@ pub struct TotalRow {
     pub missed_slots: f64,
     /// Whether every run arrived, was fair and violated no limit.
     pub constraints_held: bool,
-    /// The seeds of the runs that look failed, separated by spaces: their totals are below
+    /// The seeds of the runs that count as failed, separated by spaces: their totals are below
     /// [`FAILED`] times the median of the others.
     pub failed_seeds: String,
 }
 
-/// A run whose total is below this fraction of the median of the same cell's other seeds looks
-/// failed.
+/// A run whose total is below this fraction of the median of the same cell's other seeds counts
+/// as failed.
 pub const FAILED: f64 = 0.9;
 
 impl TotalRow {
@@ -223,8 +127,8 @@ fn approaches(experiment: Experiment) -> &'static [Approach] {
     }
 }
 
-/// Returns how many seeds of a learner a figure shows. The schemes that hold something fixed fly
-/// the policy of seed 1, and so does SAC beside them.
+/// Returns how many seeds of a learner a figure shows. The schemes that hold a quantity fixed fly
+/// the policy of seed 1, and so does SAC in the same figures.
 fn seeds(experiment: Experiment) -> u64 {
     match experiment {
         Experiment::Approaches | Experiment::Noise => u64::MAX,
@@ -272,7 +176,7 @@ impl FlightJob {
                 constraints_held: row.arrived && row.fair && row.constraint_violations == 0,
             },
             Source::Flight(policy) => {
-                let flown = context.fly(&cell, policy, approach.inner())?.summary();
+                let flown = context.fly(&cell, policy, approach.allocation())?.summary();
                 RunResult {
                     seed,
                     stored: false,
@@ -313,10 +217,10 @@ pub(super) fn measure(
                     let Some(learner) = approach.learner() else {
                         continue;
                     };
-                    for run in context.runs(cell, learner, seeds(experiment))? {
+                    for run in context.trainings().runs(cell, learner, seeds(experiment))? {
                         match run {
                             Run::Policy(training) => trainings.push((approach, training)),
-                            Run::Stored(row) if approach.inner() == Allocation::Exact => {
+                            Run::Stored(row) if approach.allocation() == Allocation::Exact => {
                                 add(row.seed, Source::Table(row));
                             }
                             // The table has no flights with other allocations, so the policy is
@@ -332,7 +236,7 @@ pub(super) fn measure(
         }
     }
     let wanted: Vec<Training> = trainings.iter().map(|(_, training)| *training).collect();
-    let files = context.policies(&wanted)?;
+    let files = context.trainings().policies(&wanted)?;
     for ((approach, training), file) in trainings.into_iter().zip(files) {
         jobs.push(FlightJob {
             cell: training.cell,
@@ -408,105 +312,4 @@ fn total(cell: Cell, approach: Approach, runs: &[&RunResult]) -> TotalRow {
         failed_seeds: failed.join(" "),
         ..single(cell, approach, statistics::mean(&rates))
     }
-}
-
-/// Draws one panel per topology; for `approaches` one per topology and noise power.
-pub(super) fn figure(experiment: Experiment, rows: &[TotalRow]) -> Figure {
-    let over_time = experiment == Experiment::MissionTime;
-    let noises: &[Option<f64>] = match experiment {
-        Experiment::Approaches => &[Some(NOISE_DBM), Some(HIGH_NOISE_DBM)],
-        _ => &[None],
-    };
-    let mut panels = Vec::new();
-    for &noise in noises {
-        for topology in Topology::ALL {
-            let here: Vec<&TotalRow> = rows
-                .iter()
-                .filter(|row| row.topology == topology)
-                .filter(|row| noise.is_none_or(|noise| row.noise_dbm == noise))
-                .collect();
-            if here.is_empty() {
-                continue;
-            }
-            let abscissa = |row: &TotalRow| match over_time {
-                true => f64::from(row.mission_time_s),
-                false => row.mse_threshold,
-            };
-            let mut title = topology.title().to_owned();
-            if let Some(noise) = noise {
-                let _ = write!(title, ", {noise} dBm");
-            }
-            let x = Axis {
-                digits: if over_time { 0 } else { 3 },
-                ..Axis::around(
-                    if over_time {
-                        "mission time, s"
-                    } else {
-                        "MSE threshold Gamma"
-                    },
-                    here.iter().map(|row| abscissa(row)),
-                    0,
-                )
-            };
-            let rates = here.iter().map(|row| row.sum_rate);
-            panels.push(Panel {
-                title,
-                x: Axis { ticks: 5, ..x },
-                y: Axis::around("total rate, bit/s/Hz", rates, 0).with_zero(),
-                series: series(experiment, &here, abscissa),
-                legend: SeriesLabelPosition::UpperLeft,
-            });
-        }
-    }
-    Figure {
-        columns: panels.len().min(2),
-        panels,
-        size: (500, 400),
-    }
-}
-
-fn series(
-    experiment: Experiment,
-    rows: &[&TotalRow],
-    abscissa: impl Fn(&TotalRow) -> f64,
-) -> Vec<Series> {
-    let of = |name: String, look: Look, chosen: &dyn Fn(&TotalRow) -> bool| {
-        let chosen: Vec<&&TotalRow> = rows.iter().filter(|row| chosen(row)).collect();
-        let points = chosen
-            .iter()
-            .map(|row| (abscissa(row), row.sum_rate))
-            .collect();
-        let band = chosen.iter().map(|row| {
-            let half = row.interval_95.unwrap_or(0.0);
-            ((row.sum_rate - half).max(0.0), row.sum_rate + half)
-        });
-        let band = match chosen.iter().any(|row| row.interval_95.is_some()) {
-            true => band.collect(),
-            false => Vec::new(),
-        };
-        Series {
-            band,
-            ..Series::new(name, look, points)
-        }
-    };
-    if experiment == Experiment::Noise {
-        return [NOISE_DBM, HIGH_NOISE_DBM]
-            .into_iter()
-            .zip(LOOKS)
-            .map(|(noise, look)| {
-                of(format!("SAC (tuned), {noise} dBm"), look, &|row| {
-                    row.noise_dbm == noise
-                })
-            })
-            .collect();
-    }
-    approaches(experiment)
-        .iter()
-        .map(|&approach| {
-            of(approach.title().into(), approach.look(), &|row| {
-                row.approach == approach
-            })
-        })
-        .filter(|series| !series.points.is_empty())
-        .collect()
 }

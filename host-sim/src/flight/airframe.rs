@@ -11,7 +11,8 @@ use vehicle::Profile;
 /// The error of a specified profile that is for another autopilot than the one that answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error(
-    "--profile {given} is for {}, but {} answers: without --profile its heartbeat decides",
+    "--profile {given} is for {}, but the autopilot is {}; without --profile, its heartbeat selects \
+     the profile",
     given.firmware().name(),
     heard.name()
 )]

@@ -1,4 +1,5 @@
-//! What the MAVLink client in this process may do with its vehicle, and how it presents itself.
+//! The settings of the MAVLink client in this process: its address and key, and what it may change
+//! in the vehicle.
 
 use firmware_core::autopilot::{OwnAddress, wire::signing::SigningKey};
 
@@ -11,7 +12,7 @@ pub struct ClientSettings {
     pub(super) sets_parameters: bool,
     pub(super) airframe_speed_mps: Option<f64>,
     pub(super) journal: Option<ParameterJournal>,
-    pub(super) names_profile: bool,
+    pub(super) profile_from_heartbeat: bool,
     pub(super) own: OwnAddress,
 }
 
@@ -22,7 +23,7 @@ impl Default for ClientSettings {
             sets_parameters: false,
             airframe_speed_mps: None,
             journal: None,
-            names_profile: false,
+            profile_from_heartbeat: false,
             own: OwnAddress::ONBOARD_COMPUTER,
         }
     }
@@ -56,13 +57,13 @@ impl ClientSettings {
 
     /// Makes the autopilot's heartbeat select the profile whose limits are used for planning,
     /// instead of the settings of the flight.
-    pub fn naming_profile(mut self) -> Self {
-        self.names_profile = true;
+    pub fn with_profile_from_heartbeat(mut self) -> Self {
+        self.profile_from_heartbeat = true;
         self
     }
 
     /// Sets the address that the client's frames carry.
-    pub fn spoken_to_as(mut self, own: OwnAddress) -> Self {
+    pub fn with_address(mut self, own: OwnAddress) -> Self {
         self.own = own;
         self
     }

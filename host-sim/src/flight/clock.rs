@@ -8,7 +8,7 @@ use std::{
 
 use firmware_core::time::{Duration, Instant};
 
-use super::{peer::Peer, settings::Pace};
+use super::{peer::Peer, settings::RealTimeFactor};
 
 /// The longest sleep: with a small real-time factor a step takes long, and a user who asks for the
 /// end must not have to wait for it.
@@ -20,15 +20,15 @@ const TICK: Duration = Duration::from_millis(10);
 /// The time of a flight.
 #[derive(Debug)]
 pub(super) struct Clock {
-    pace: Pace,
+    real_time_factor: RealTimeFactor,
     begun: WallInstant,
     now: Instant,
 }
 
 impl Clock {
-    pub(super) fn new(pace: Pace) -> Self {
+    pub(super) fn new(real_time_factor: RealTimeFactor) -> Self {
         Self {
-            pace,
+            real_time_factor,
             begun: WallInstant::now(),
             now: Instant::ZERO,
         }
@@ -40,7 +40,7 @@ impl Clock {
 
     /// Returns the time that has passed on the wall clock, multiplied by the real-time factor.
     fn wall(&self) -> Instant {
-        let passed_s = self.begun.elapsed().as_secs_f64() * self.pace.factor();
+        let passed_s = self.begun.elapsed().as_secs_f64() * self.real_time_factor.factor();
         Instant::ZERO + Duration::from_secs_f64(passed_s)
     }
 
@@ -48,8 +48,9 @@ impl Clock {
     pub(super) fn advance(&mut self, peer: &mut Peer) -> io::Result<()> {
         if peer.is_built_in() {
             let next = self.now + TICK;
-            if self.pace != Pace::Max {
-                let ahead = next.duration_since(self.wall()).as_secs_f64() / self.pace.factor();
+            if self.real_time_factor != RealTimeFactor::Max {
+                let ahead =
+                    next.duration_since(self.wall()).as_secs_f64() / self.real_time_factor.factor();
                 let ahead = WallDuration::from_secs_f64(ahead);
                 sleep(ahead.min(NAP));
                 if ahead > NAP {

@@ -70,7 +70,7 @@ pub fn fly_with(
             events.clone(),
             settings.inner.method(&scenario.mission),
         ),
-        clock: Clock::new(settings.pace),
+        clock: Clock::new(settings.real_time_factor),
         stopwatch: Stopwatch::default(),
         uplink: Vec::new(),
         events: Vec::new(),
@@ -139,17 +139,17 @@ impl<C: OnboardComputer> Flight<'_, C> {
             exchanged?;
             self.note_path(now, peer);
             self.take_notices(now, observer);
-            self.heed_stop(now, peer, observer)?;
+            self.handle_stop(now, peer, observer)?;
             if self.computer.state().phase.is_final() {
-                let tidy = self.computer.is_tidy(now, self.stop_asked);
+                let is_finished = self.computer.is_finished(now, self.stop_asked);
                 self.take_notices(now, observer);
-                if tidy {
-                    return self.verdict(now, peer);
+                if is_finished {
+                    return self.outcome(now, peer);
                 }
             }
             let waited = now.duration_since(Instant::ZERO);
             if self.computer.state().phase == Phase::Connecting && waited > CONNECT_PATIENCE {
-                return Err(FlightError::NobodyThere(NoHeartbeat {
+                return Err(FlightError::NoVehicle(NoHeartbeat {
                     waited_s: waited.as_secs_f64(),
                     refused: self.computer.refused_frames(),
                     last_error: peer.last_error(),
@@ -247,7 +247,7 @@ impl<C: OnboardComputer> Flight<'_, C> {
 
     /// Processes ctrl-C. The first one lands the vehicle, or ends at once if there is nothing left
     /// to wait for; the second one restores the parameters if that takes little time, and leaves.
-    fn heed_stop(
+    fn handle_stop(
         &mut self,
         now: Instant,
         peer: &Peer,
@@ -256,13 +256,13 @@ impl<C: OnboardComputer> Flight<'_, C> {
         if !self.stop_asked && observer.wants_stop() {
             self.stop_asked = true;
             if self.computer.state().phase.is_final() {
-                return Ok(()); // `is_tidy` ends the remaining waits
+                return Ok(()); // `is_finished` ends the remaining waits
             }
             let silent = self.computer.silence(now).is_some();
             let doing = self.computer.stop(now)?;
             self.take_notices(now, observer);
             if silent {
-                return Err(self.broken_off(now, peer));
+                return Err(self.aborted(now, peer));
             }
             let Some(doing) = doing else {
                 return Ok(());
@@ -299,15 +299,15 @@ impl<C: OnboardComputer> Flight<'_, C> {
         })
     }
 
-    fn verdict(&self, now: Instant, peer: &Peer) -> Result<(), FlightError> {
+    fn outcome(&self, now: Instant, peer: &Peer) -> Result<(), FlightError> {
         if self.computer.state().stage == Stage::Completed {
             return Ok(());
         }
-        Err(self.broken_off(now, peer))
+        Err(self.aborted(now, peer))
     }
 
     /// Returns the error of a flight that was aborted, with its true cause.
-    fn broken_off(&self, now: Instant, peer: &Peer) -> FlightError {
+    fn aborted(&self, now: Instant, peer: &Peer) -> FlightError {
         let mut reason = self
             .computer
             .aborted_because()
@@ -318,7 +318,7 @@ impl<C: OnboardComputer> Flight<'_, C> {
                 reason += &format!(" ({last_error})");
             }
         }
-        FlightError::BrokenOff {
+        FlightError::Aborted {
             slots_done: self.ground.slots().len(),
             slots: self.slots,
             reason,

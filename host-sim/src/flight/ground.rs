@@ -94,12 +94,12 @@ impl Ground {
                 Some(Ok(Message::Arrival(arrival))) => {
                     let truth = truth(arrival.tick.time);
                     if let Some(state) = self.answer(&precision::arrival(&arrival), truth) {
-                        uplink.extend(self.news::<T>(state.slot));
+                        uplink.extend(self.due_changes::<T>(state.slot));
                         let state = precision::channel_state::<T>(&state);
                         uplink.extend(encode(&Message::ChannelState(state)));
                     }
                 }
-                Some(Ok(Message::Command(command))) => self.obey(&precision::command(&command)),
+                Some(Ok(Message::Command(command))) => self.execute(&precision::command(&command)),
                 Some(Ok(Message::Status(status))) => self.link.vehicle = status,
                 Some(Ok(Message::ChannelState(_) | Message::Change(_)) | Err(_)) | None => {}
             }
@@ -109,7 +109,7 @@ impl Ground {
 
     /// Returns the changes up to the slot after `slot` that the vehicle does not have yet, as
     /// frames.
-    fn news<T: Scalar>(&mut self, slot: u32) -> Vec<u8> {
+    fn due_changes<T: Scalar>(&mut self, slot: u32) -> Vec<u8> {
         let is_late = self.is_out_of_reach_after(slot);
         let known = self.link.vehicle.slots.changes;
         let numbered = (1..).zip(self.events.changes());
@@ -183,7 +183,7 @@ impl Ground {
     }
 
     /// Makes users and sensors transmit, and records the slot.
-    fn obey(&mut self, command: &HostSlotCommand) {
+    fn execute(&mut self, command: &HostSlotCommand) {
         let served = command.served_user;
         let has_user = |user| self.world.has_user(command.slot, user);
         if !self.world.has_slot(command.slot) || served.is_some_and(|user| !has_user(user)) {

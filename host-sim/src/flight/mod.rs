@@ -32,4 +32,6 @@ pub use observer::Observer;
 pub use outcome::{FailedFlight, FlightError};
 pub use peer::Peer;
 pub(crate) use reason::is_notable;
-pub use settings::{CONNECT_PATIENCE, FlightSettings, Pace, autopilot_settings, vehicle_settings};
+pub use settings::{
+    CONNECT_PATIENCE, FlightSettings, RealTimeFactor, autopilot_settings, vehicle_settings,
+};

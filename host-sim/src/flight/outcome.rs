@@ -24,10 +24,10 @@ pub enum FlightError {
     WrongProfile(#[from] WrongProfile),
     /// There is no autopilot at the other end.
     #[error("{0}")]
-    NobodyThere(NoHeartbeat),
+    NoVehicle(NoHeartbeat),
     /// The mission was aborted.
-    #[error("broken off after {slots_done} of {slots} slots: {reason}")]
-    BrokenOff {
+    #[error("aborted after {slots_done} of {slots} slots: {reason}")]
+    Aborted {
         /// The number of finished slots.
         slots_done: usize,
         /// `N`.
@@ -47,7 +47,7 @@ pub enum FlightError {
     },
     /// The journal of an earlier run belongs to another vehicle.
     #[error(
-        "{journal} holds parameters of another vehicle ({vehicle}) that were not put back; restore \
+        "{journal} holds parameters of another vehicle ({vehicle}) that were not restored; restore \
          them with host-sim doctor --restore, or choose another --out"
     )]
     WrongJournal {
@@ -92,7 +92,7 @@ pub(super) fn outcome_with_record(
         }),
         Err(error) => {
             let ended = match &error {
-                FlightError::BrokenOff { reason, .. } => reason.clone(),
+                FlightError::Aborted { reason, .. } => reason.clone(),
                 other => other.to_string(),
             };
             let record = FlightRecord { ended, ..record };

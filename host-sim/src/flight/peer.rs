@@ -25,11 +25,11 @@ const TRACK: usize = 300;
 /// The vehicle at the other end of the MAVLink link.
 #[derive(Debug)]
 pub struct Peer {
-    vessel: Vessel,
+    remote: Remote,
     /// The channels to and from the vehicle, if the link is impaired.
     impaired: Option<(Channel, Channel)>,
     /// The ground stations that listen, each with the link as in `--also`.
-    beside: Vec<(String, GroundStationTap)>,
+    ground_stations: Vec<(String, GroundStationTap)>,
     /// The recent positions of the built-in vehicle: its clock and its true position, oldest first.
     track: VecDeque<(Instant, Position<f64>)>,
     log: Option<TlogWriter<BufWriter<File>>>,
@@ -37,12 +37,13 @@ pub struct Peer {
     log_failed: Option<io::Error>,
 }
 
+/// Where the vehicle is simulated or flown.
 #[derive(Debug)]
-enum Vessel {
+enum Remote {
     /// The vehicle of this process, in simulated time.
     BuiltIn(Box<Vehicle>),
     /// An external vehicle.
-    Elsewhere {
+    External {
         link: Box<dyn Link>,
         decoder: Box<Decoder>,
         /// The complete frames that were received and not taken yet.
@@ -51,11 +52,11 @@ enum Vessel {
     },
 }
 
-impl Vessel {
+impl Remote {
     fn next_frame(&mut self) -> Option<Vec<u8>> {
         match self {
             Self::BuiltIn(vehicle) => vehicle.next_frame(),
-            Self::Elsewhere { frames, .. } => frames.pop_front(),
+            Self::External { frames, .. } => frames.pop_front(),
         }
     }
 
@@ -66,7 +67,7 @@ impl Vessel {
                 vehicle.end_of_datagram(now);
             }
             // A link that is down loses frames as a radio does; the failsafes handle it.
-            Self::Elsewhere { link, .. } => {
+            Self::External { link, .. } => {
                 link.send(frame)?;
             }
         }
@@ -75,11 +76,11 @@ impl Vessel {
 }
 
 impl Peer {
-    fn new(vessel: Vessel) -> Self {
+    fn new(remote: Remote) -> Self {
         Self {
-            vessel,
+            remote,
             impaired: None,
-            beside: Vec::new(),
+            ground_stations: Vec::new(),
             track: VecDeque::new(),
             log: None,
             log_failed: None,
@@ -88,12 +89,12 @@ impl Peer {
 
     /// Creates a peer with the vehicle of this process.
     pub fn built_in(vehicle: Vehicle) -> Self {
-        Self::new(Vessel::BuiltIn(Box::new(vehicle)))
+        Self::new(Remote::BuiltIn(Box::new(vehicle)))
     }
 
     /// Creates a peer with any vehicle that answers on a link.
-    pub fn elsewhere(link: Box<dyn Link>) -> Self {
-        Self::new(Vessel::Elsewhere {
+    pub fn external(link: Box<dyn Link>) -> Self {
+        Self::new(Remote::External {
             link,
             decoder: Box::new(Decoder::new()),
             frames: VecDeque::new(),
@@ -110,21 +111,21 @@ impl Peer {
     /// Adds a ground station that listens to the link: it receives all frames that our client
     /// receives and sends, and its own frames are sent to the vehicle. `name` is used in the note
     /// if it was never reached.
-    pub fn beside(mut self, name: &str, link: Box<dyn Link>) -> Self {
-        self.beside
+    pub fn with_ground_station(mut self, name: &str, link: Box<dyn Link>) -> Self {
+        self.ground_stations
             .push((name.to_owned(), GroundStationTap::new(link)));
         self
     }
 
     /// Returns a description of each listening ground station that was never reached.
     fn unreached(&self) -> impl Iterator<Item = String> + '_ {
-        self.beside.iter().filter_map(|(name, beside)| {
-            let reason = beside.unreached()?;
+        self.ground_stations.iter().filter_map(|(name, station)| {
+            let reason = station.unreached()?;
             Some(match reason.strip_prefix(name.as_str()) {
-                _ if reason.is_empty() => format!("nobody was reached at {name}"),
+                _ if reason.is_empty() => format!("no ground station was reached at {name}"),
                 // The errors of links contain their own address.
-                Some(reason) => format!("nobody was reached at {name}{reason}"),
-                None => format!("nobody was reached at {name}: {reason}"),
+                Some(reason) => format!("no ground station was reached at {name}{reason}"),
+                None => format!("no ground station was reached at {name}: {reason}"),
             })
         })
     }
@@ -141,21 +142,21 @@ impl Peer {
     }
 
     pub(super) fn is_built_in(&self) -> bool {
-        matches!(self.vessel, Vessel::BuiltIn(_))
+        matches!(self.remote, Remote::BuiltIn(_))
     }
 
     /// Returns the date, microseconds since 1970: the real date, or that of the simulation.
     pub(super) fn unix_us(&self, now: Instant) -> u64 {
-        match self.vessel {
-            Vessel::BuiltIn(_) => SIMULATED_EPOCH_US + now.as_micros(),
-            Vessel::Elsewhere { .. } => wall_clock_us(),
+        match self.remote {
+            Remote::BuiltIn(_) => SIMULATED_EPOCH_US + now.as_micros(),
+            Remote::External { .. } => wall_clock_us(),
         }
     }
 
     /// Advances simulated time, and delivers frames that are due at the vehicle.
     pub(super) fn step(&mut self, now: Instant) -> io::Result<()> {
         let unix_us = self.unix_us(now);
-        if let Vessel::BuiltIn(vehicle) = &mut self.vessel {
+        if let Remote::BuiltIn(vehicle) = &mut self.remote {
             vehicle.set_signing_time(unix_us);
             vehicle.step(now);
             if self.track.len() >= TRACK {
@@ -166,13 +167,13 @@ impl Peer {
         }
         if let Some((up, _)) = &mut self.impaired {
             while let Some(frame) = up.pop(now) {
-                self.vessel.deliver(now, &frame)?;
+                self.remote.deliver(now, &frame)?;
             }
         }
-        for (_, beside) in &self.beside {
-            while let Some(frame) = beside.take_said() {
+        for (_, station) in &self.ground_stations {
+            while let Some(frame) = station.take_said() {
                 record(&mut self.log, &mut self.log_failed, now, &frame);
-                self.vessel.deliver(now, &frame)?;
+                self.remote.deliver(now, &frame)?;
             }
         }
         Ok(())
@@ -182,12 +183,12 @@ impl Peer {
     pub(super) fn receive(&mut self, now: Instant) -> io::Result<Option<Vec<u8>>> {
         let frame = match &mut self.impaired {
             Some((_, down)) => {
-                while let Some(frame) = self.vessel.next_frame() {
+                while let Some(frame) = self.remote.next_frame() {
                     down.push(now, &frame);
                 }
                 down.pop(now)
             }
-            None => self.vessel.next_frame(),
+            None => self.remote.next_frame(),
         };
         if let Some(frame) = &frame {
             self.pass(now, frame);
@@ -202,30 +203,30 @@ impl Peer {
             Some((up, _)) => {
                 up.push(now, frame);
                 while let Some(frame) = up.pop(now) {
-                    self.vessel.deliver(now, &frame)?;
+                    self.remote.deliver(now, &frame)?;
                 }
                 Ok(())
             }
-            None => self.vessel.deliver(now, frame),
+            None => self.remote.deliver(now, frame),
         }
     }
 
     /// Logs a frame and passes it to the listening ground stations.
     fn pass(&mut self, now: Instant, frame: &[u8]) {
-        for (_, beside) in &self.beside {
-            beside.hear(frame);
+        for (_, station) in &self.ground_stations {
+            station.hear(frame);
         }
         record(&mut self.log, &mut self.log_failed, now, frame);
     }
 
     /// Waits until something is received, for at most `longest`.
     pub(super) fn wait(&mut self, longest: WallDuration) -> io::Result<()> {
-        let Vessel::Elsewhere {
+        let Remote::External {
             link,
             decoder,
             frames,
             piece,
-        } = &mut self.vessel
+        } = &mut self.remote
         else {
             return Ok(());
         };
@@ -247,9 +248,9 @@ impl Peer {
 
     /// Returns the true position of the vehicle, if it is known.
     pub(super) fn true_position(&self) -> Option<Position<f64>> {
-        match &self.vessel {
-            Vessel::BuiltIn(vehicle) => Some(vehicle.true_position()),
-            Vessel::Elsewhere { .. } => None,
+        match &self.remote {
+            Remote::BuiltIn(vehicle) => Some(vehicle.true_position()),
+            Remote::External { .. } => None,
         }
     }
 
@@ -257,7 +258,7 @@ impl Peer {
     /// steps the motion is assumed to be straight; a vehicle of the paper's kinematics moves only
     /// when a setpoint is received, so its position is not interpolated.
     pub(super) fn true_position_at(&self, time: Instant) -> Option<Position<f64>> {
-        let Vessel::BuiltIn(vehicle) = &self.vessel else {
+        let Remote::BuiltIn(vehicle) = &self.remote else {
             return None;
         };
         let after = self.track.iter().position(|(when, _)| *when >= time);
@@ -277,17 +278,17 @@ impl Peer {
 
     /// Returns the true altitude, metres, if it is known.
     pub(super) fn altitude_m(&self) -> Option<f64> {
-        match &self.vessel {
-            Vessel::BuiltIn(vehicle) => Some(vehicle.altitude_m()),
-            Vessel::Elsewhere { .. } => None,
+        match &self.remote {
+            Remote::BuiltIn(vehicle) => Some(vehicle.altitude_m()),
+            Remote::External { .. } => None,
         }
     }
 
     /// Returns the reason why the link is down, if it is known.
     pub(super) fn last_error(&self) -> Option<String> {
-        match &self.vessel {
-            Vessel::BuiltIn(_) => None,
-            Vessel::Elsewhere { link, .. } => link.last_error(),
+        match &self.remote {
+            Remote::BuiltIn(_) => None,
+            Remote::External { link, .. } => link.last_error(),
         }
     }
 

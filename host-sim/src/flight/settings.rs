@@ -34,7 +34,7 @@ pub struct FlightSettings {
     /// The vehicle at the other end, which determines the limits that the guidance plans with.
     pub profile: Profile,
     /// The real-time factor.
-    pub pace: Pace,
+    pub real_time_factor: RealTimeFactor,
     /// The seed of the drawn signals.
     pub seed: u64,
     /// The number of symbols drawn in a slot for the empirical MSE.
@@ -45,14 +45,14 @@ pub struct FlightSettings {
 
 /// The relation of the flight's time to real time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pace {
+pub enum RealTimeFactor {
     /// As fast as possible. With an external vehicle: real time.
     Max,
     /// This number of seconds of flight per second.
     Factor(f64),
 }
 
-impl Pace {
+impl RealTimeFactor {
     pub(super) fn factor(self) -> f64 {
         match self {
             Self::Max => 1.0,
@@ -65,7 +65,7 @@ impl Pace {
 pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> AutopilotSettings<f64> {
     let p = scenario.mission.parameters();
     let mut limits = profile.client_limits();
-    if profile != Profile::Ideal {
+    if !profile.is_ideal() {
         // The mission's own speed limit (eq:traj1) also applies between waypoints.
         limits.speed_mps = limits.speed_mps.min(p.max_speed_mps);
     }

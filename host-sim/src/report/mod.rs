@@ -14,6 +14,7 @@
 //! as in the paper.
 
 mod facts;
+mod flown_path;
 mod ground;
 mod map;
 mod page;

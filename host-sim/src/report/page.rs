@@ -8,39 +8,23 @@ use super::{against_waypoints, facts, map, of_ideal_flight, schedule, series};
 use crate::record::{FlightRecord, Summary};
 use figures::{
     markup::{Element, element},
+    page,
     quantity::{self, count, decimal, plain, significant},
-    theme,
 };
 
 /// Returns the whole page.
 pub(super) fn html(record: &FlightRecord, summary: &Summary) -> String {
     let title = format!("{} · {}", summary.scenario, summary.policy);
-    let head = element("head")
-        .with(element("meta").set("charset", "utf-8"))
-        .with(
-            element("meta")
-                .set("name", "viewport")
-                .set("content", "width=device-width, initial-scale=1"),
-        )
-        .with(
-            element("meta")
-                .set("name", "generator")
-                .set("content", format!("host-sim {}", summary.version)),
-        )
-        .with(element("title").text(title))
-        .with(theme::page_style());
-    let body = element("body").with(
-        element("main")
-            .with(heading(record, summary))
-            .with(tiles(record, summary))
-            .with(figures(record, summary))
-            .with(facts::tables(record, summary))
-            .with(facts::slots(record))
-            .with_all(facts::events(record))
-            .with(element("script").verbatim(include_str!("page.js"))),
-    );
-    let page = element("html").set("lang", "en").with(head).with(body);
-    format!("<!DOCTYPE html>\n{page}")
+    let generator = format!("host-sim {}", summary.version);
+    let main = element("main")
+        .with(heading(record, summary))
+        .with(tiles(record, summary))
+        .with(figures(record, summary))
+        .with(facts::tables(record, summary))
+        .with(facts::slots(record))
+        .with_all(facts::events(record))
+        .with(element("script").verbatim(include_str!("page.js")));
+    page::page(title, generator, main)
 }
 
 fn heading(record: &FlightRecord, summary: &Summary) -> Element {
@@ -52,7 +36,7 @@ fn heading(record: &FlightRecord, summary: &Summary) -> Element {
                 .with(element("span").class("by").text(" flown by "))
                 .text(summary.policy.clone()),
         )
-        .with_all(broken_off(record))
+        .with_all(aborted(record))
         .with_all(policy_warning(summary))
         .with(element("p").class("lead").text(format!(
             "{}, {} allocation, {} vehicle, seed {}",
@@ -64,7 +48,7 @@ fn heading(record: &FlightRecord, summary: &Summary) -> Element {
 }
 
 /// Returns the notice at the top of the page for a flight that was aborted.
-fn broken_off(record: &FlightRecord) -> Option<Element> {
+fn aborted(record: &FlightRecord) -> Option<Element> {
     let slots = record.scenario.mission.slots() as usize;
     (record.slots.len() < slots).then(|| {
         element("p").class("alarm").text(format!(
@@ -145,7 +129,7 @@ fn tiles(record: &FlightRecord, summary: &Summary) -> Element {
             value: verdict(summary.fair),
             unit: "",
             words: format!(
-                "every user has at least {}, {} owed",
+                "every user has at least {}, quota {}",
                 count(summary.fewest_slots() as usize, "slot"),
                 summary.quotas_in_words()
             ),
@@ -310,11 +294,8 @@ fn figures(record: &FlightRecord, summary: &Summary) -> Element {
         .with(figure(
             "Total per user",
             format!(
-                "Each piece is a slot, coloured by its rate; {} owed to everybody.",
-                match record.scenario.mission.quota() {
-                    1 => "1 slot is".to_owned(),
-                    quota => format!("{quota} slots are"),
-                }
+                "Each piece is a slot, coloured by its rate; each user's quota is {}.",
+                count(record.scenario.mission.quota() as usize, "slot")
             ),
             schedule::totals(record),
         ))

@@ -5,7 +5,7 @@ use super::{map::cross, series::bar_width, slot_words};
 use crate::record::FlightRecord;
 use figures::{
     axis::{self, Key, LEFT, RIGHT, Scale, WIDTH},
-    markup::{Element, element, label, line, rectangle},
+    markup::{Element, PathData, element, label, line, rectangle},
     quantity::{self, significant},
     theme,
 };
@@ -99,17 +99,11 @@ pub(super) fn strip(record: &FlightRecord) -> Element {
 }
 
 fn shield_mark([x, y]: [f64; 2], size: f64) -> Element {
-    element("path").class("shield").set(
-        "d",
-        format!(
-            "M{:.2} {:.2}h{:.2}l{:.2} {:.2}z",
-            x - size,
-            y - 0.8 * size,
-            2.0 * size,
-            -size,
-            1.7 * size
-        ),
-    )
+    let top = y - 0.8 * size;
+    let corners = [[x - size, top], [x + size, top], [x, y + 0.9 * size]];
+    let mut path = PathData::through(corners);
+    path.close();
+    path.path("shield")
 }
 
 /// Draws a bar per user that consists of its slots in the colours of their rates.
@@ -130,16 +124,8 @@ pub(super) fn totals(record: &FlightRecord) -> Element {
         "Total per user",
         "Sum of the rates of each user over the slots in which it was served",
     );
-    for tick in scale.ticks(5) {
-        let x = scale.at(tick.value);
-        drawing.push(line("grid", [x, top], [x, bottom]));
-        drawing.push(label("tick middle", [x, bottom + 16.0], tick.label));
-    }
-    drawing.push(label(
-        "axis middle",
-        [f64::midpoint(LEFT, end), bottom + 33.0],
-        "bit/s/Hz, summed over slots",
-    ));
+    let title = "bit/s/Hz, summed over slots";
+    drawing.push(axis::horizontal(&scale, [top, bottom], 5, title));
     for (user, summary) in summaries.iter().enumerate() {
         let y = top + row * user as f64 + 3.0;
         // Slots are separated by a gap if there is enough space.

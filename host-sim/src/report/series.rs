@@ -274,6 +274,8 @@ pub(super) fn power(record: &FlightRecord) -> Element {
 fn panel(top: f64, height: f64, scale: impl FnOnce([f64; 2]) -> Scale) -> Panel {
     let bottom = top + height;
     Panel {
+        left: LEFT,
+        right: RIGHT,
         top,
         bottom,
         scale: scale([bottom, top]),

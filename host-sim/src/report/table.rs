@@ -112,7 +112,7 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
             Some(summary.fair),
             "fair",
             count(summary.fewest_slots() as usize, "slot"),
-            format!("at least per user, {} owed", summary.quotas_in_words()),
+            format!("at least per user, quota {}", summary.quotas_in_words()),
         ),
         fact(
             Some(summary.mse_violations == 0),

@@ -30,7 +30,7 @@ fn slots_of<'a>(document: &'a roxmltree::Document<'_>, figure: &str) -> HashSet<
         .collect()
 }
 
-/// A mission of this size, with as much room as its destination needs.
+/// A mission of this size, with as much speed as its destination needs.
 fn scenario(slots: u32, users: usize, sensors: usize, noise_dbm: f64) -> Scenario {
     use scenario::{Topology, generate};
     // The destination is 1273 m away: few slots need much speed.
@@ -236,7 +236,7 @@ fn a_folder_that_cannot_be_is_named() {
         assert!(error.to_string().contains("occupied"), "{error}");
     }
     assert_eq!(fs::read(&file).expect("kept"), b"something");
-    // A file that stands where one of ours should go: everything begun is taken back.
+    // A directory has the name of one of the files: no file of the report is left.
     let blocked = folder.path().join("blocked");
     fs::create_dir_all(blocked.join("report.html/inside")).expect("made");
     let error = write(&fixture::separated(), &blocked).expect_err("a folder in the way");
@@ -283,7 +283,7 @@ fn the_path_is_drawn_where_the_vehicle_was() {
 }
 
 #[test]
-fn a_flight_broken_off_says_so() {
+fn an_aborted_flight_says_so() {
     let mut record = fixture::separated();
     let words = "Aborted after 12 of 60 slots.";
     assert!(!page(&record).contains(words));

@@ -105,7 +105,7 @@ impl Evaluate {
             .map_err(|error: mlp::LoadError| anyhow!("{}: {error}", self.policy.display()))?;
         let fits = policy.provenance().check(&scenario.mission);
         fits.with_context(|| self.policy.display().to_string())?;
-        if let Some(warning) = scenario.foreign_policy(policy.provenance()) {
+        if let Some(warning) = scenario.foreign_policy(&policy.provenance().scenario_digest) {
             eprintln!("warning: {}: {warning}", self.policy.display());
         }
         Ok((scenario, Box::new(policy)))

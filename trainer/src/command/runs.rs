@@ -9,7 +9,7 @@ use trainer::{
     card,
     compare::{Comparison, References},
     curves::{self, Curve},
-    metrics::EVALUATION,
+    metrics::{EVALUATION, SUM_RATE},
     onnx,
     run::Run,
 };
@@ -150,7 +150,7 @@ impl Curves {
                     s.seed,
                     rows[rows.len() - 1].episode,
                     mean("charts/episodic_return"),
-                    mean("charts/sum_rate"),
+                    mean(SUM_RATE),
                     mean(EVALUATION),
                 );
             }

@@ -16,7 +16,7 @@ use trainer::{
     learner::Learner,
     run::{CHECKPOINT, POLICY, Run, has_run},
     sac::Sac,
-    settings::{Algorithm, Preset, Settings},
+    settings::{Algorithm, Preset, TrainingSettings},
     training::Training,
 };
 
@@ -152,7 +152,7 @@ impl Train {
 
     /// Trains a new run, or one per seed. A run that fails does not keep the following seeds from
     /// being trained.
-    fn start<L: Learner>(&self, settings: Settings) -> Outcome {
+    fn start<L: Learner>(&self, settings: TrainingSettings) -> Outcome {
         let scenario = self.load_scenario(&settings).map_err(Failure::BadInput)?;
         let name = format!("{}-{}", scenario.name, settings.algorithm.name());
         let Some(seeds) = self.seeds else {
@@ -173,7 +173,7 @@ impl Train {
         }
         let mut failed = Vec::new();
         for seed in seeds.all() {
-            let settings = Settings {
+            let settings = TrainingSettings {
                 seed,
                 ..settings.clone()
             };
@@ -192,7 +192,7 @@ impl Train {
     fn start_run<L: Learner>(
         &self,
         scenario: Scenario,
-        settings: Settings,
+        settings: TrainingSettings,
         directory: &Path,
     ) -> Outcome {
         let training = Training::<L>::start(scenario, settings, directory.to_owned());
@@ -221,7 +221,7 @@ impl Train {
     }
 
     /// Loads the scenario and checks that it permits the power allocation.
-    fn load_scenario(&self, settings: &Settings) -> anyhow::Result<Scenario> {
+    fn load_scenario(&self, settings: &TrainingSettings) -> anyhow::Result<Scenario> {
         let scenario = self.mission.load().map_err(Error::msg)?;
         let allowed = settings.inner.check(&scenario.mission);
         allowed.map_err(Error::msg)?;
@@ -241,7 +241,7 @@ impl Train {
 
     /// Returns the settings of the preset, overridden by those of the settings file, overridden by
     /// those of the command line.
-    fn collect_settings(&self) -> anyhow::Result<Settings> {
+    fn collect_settings(&self) -> anyhow::Result<TrainingSettings> {
         let file = match &self.settings {
             Some(path) => {
                 let text = input::read_text(path).with_context(|| path.display().to_string())?;
@@ -254,7 +254,7 @@ impl Train {
         let named = file.as_ref().and_then(|(_, table)| table.get("algorithm"));
         let named = named.and_then(|name| name.clone().try_into().ok());
         let algorithm = self.algorithm.or(named).unwrap_or(Algorithm::Sac);
-        let mut settings = Settings::preset(self.preset, algorithm, 1);
+        let mut settings = TrainingSettings::preset(self.preset, algorithm, 1);
         if let Some((path, table)) = file {
             settings = overlay(&settings, table).with_context(|| path.display().to_string())?;
         }
@@ -279,7 +279,7 @@ impl Train {
 }
 
 /// Returns the settings with the values that a table contains replaced.
-fn overlay(settings: &Settings, changes: toml::Table) -> anyhow::Result<Settings> {
+fn overlay(settings: &TrainingSettings, changes: toml::Table) -> anyhow::Result<TrainingSettings> {
     let mut table = toml::Table::try_from(settings)?;
     table.extend(changes);
     Ok(table.try_into()?)

@@ -217,7 +217,7 @@ mod tests {
         learner::Learner,
         onnx::write::write,
         sac::Sac,
-        settings::{Algorithm, Preset, Settings},
+        settings::{Algorithm, Preset, TrainingSettings},
     };
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
@@ -226,7 +226,7 @@ mod tests {
     /// Returns the error message for a policy file that `spoil` has changed.
     fn refused(spoil: impl Fn(&mut GraphProto)) -> String {
         let scenario = Scenario::shipped("separated").expect("shipped");
-        let settings = Settings::preset(Preset::Paper, Algorithm::Sac, 1);
+        let settings = TrainingSettings::preset(Preset::Paper, Algorithm::Sac, 1);
         let environment = environment::Environment::new(
             scenario.mission.clone(),
             &settings.environment_settings(),
@@ -265,7 +265,7 @@ mod tests {
         assert!(error.contains("is cut"), "{error}");
         let error = refused(|graph| {
             let matrix = matrix(graph);
-            matrix.dims = vec![0, 19];
+            matrix.dims[0] = 0;
             (matrix.raw_data, matrix.float_data) = (Vec::new(), Vec::new());
         });
         assert!(error.contains("is empty"), "{error}");

@@ -20,21 +20,20 @@
 //! does not see MAVLink or the policy: the counters of MAVLink and the quality of the plan are not
 //! audited.
 
+mod command;
 #[cfg(test)]
 mod tests;
 mod violation;
 
 use firmware_core::{
-    Mission, PowerGain, SENSORS_MAX, Scalar, USERS_MAX, Watt, aircomp,
+    Mission, SENSORS_MAX, Scalar, USERS_MAX,
     controller::{CHANGES_MAX, ChannelSource, ChannelState, DatedChange, Plan, SlotCommand},
     link::{Arrival, Decoder, LinkCounters, Message, NumberedChange, VehicleStatus},
     mission::MissionChange,
 };
 
+use command::{check_against_state, check_count};
 pub use violation::Violation;
-
-/// The tolerance of a promised MSE, in multiples of the precision's constraint tolerance.
-const MSE_ROUNDING: f64 = 10.0;
 
 /// A message of the vehicle that keeps the rules.
 #[derive(Clone, Debug, PartialEq)]
@@ -140,8 +139,8 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
     fn expect_change(&mut self, change: &NumberedChange<T>) {
         let counters = &mut self.expected.slots;
         let change_now = change.change.from_slot <= self.expected.slots_done + 1;
-        let has_room = change_now || self.pending.len() < CHANGES_MAX;
-        if change.number != counters.changes + 1 || !has_room {
+        let has_space = change_now || self.pending.len() < CHANGES_MAX;
+        if change.number != counters.changes + 1 || !has_space {
             counters.changes_out_of_turn += 1;
             return;
         }
@@ -269,7 +268,7 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             });
         }
         match &awaited.state {
-            Some(state) => self.check_against_state(&command, state)?,
+            Some(state) => check_against_state(&self.mission, &command, state)?,
             None => check_count(slot, "rejected gains", command.rejected_gains, 0)?,
         }
         let counters = &mut self.expected.slots;
@@ -288,63 +287,6 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             plan: awaited.plan,
             state: awaited.state,
             was_repeated: awaited.was_repeated,
-        })
-    }
-
-    /// Checks a command against the state that it was computed from.
-    fn check_against_state(
-        &self,
-        command: &SlotCommand<T, J>,
-        state: &ChannelState<T, M, J>,
-    ) -> Result<(), Violation<T>> {
-        let slot = command.slot;
-        let gains = || state.user_gains.iter().chain(&state.sensor_gains);
-        let rejected = gains().filter(|gain| !gain.is_passive()).count();
-        check_count(slot, "rejected gains", command.rejected_gains, rejected)?;
-        // A rejected gain counts as one of 0.
-        let usable = |gain: &PowerGain<T>| {
-            let gain = if gain.is_passive() { gain.0 } else { T::zero() };
-            PowerGain(gain.to_f64())
-        };
-        let gains = self.mission.of_sensors(&state.sensor_gains);
-        let sensor_gains: Vec<_> = gains.map(usable).collect();
-        let unheard = sensor_gains.iter().filter(|gain| gain.0 == 0.0).count();
-        check_count(slot, "unheard sensors", command.unheard_sensors, unheard)?;
-        let coefficients = command.sensor_coefficients.iter().enumerate();
-        for (sensor, b) in coefficients {
-            let gain = usable(&state.sensor_gains[sensor]).0;
-            if *b != T::zero() && (gain == 0.0 || !self.mission.has_sensor(sensor)) {
-                return Err(Violation::UnheardSensor { slot, sensor });
-            }
-        }
-        let coefficients = self.mission.of_sensors(&command.sensor_coefficients);
-        let coefficients: Vec<f64> = coefficients.map(|b| b.to_f64()).collect();
-        let user_gain = command.served_user.map(|m| usable(&state.user_gains[m]));
-        let heard = |(user, _)| usable(&state.user_gains[user]).0 > 0.0;
-        let anybody = self.mission.users().any(heard);
-        if anybody != user_gain.is_some_and(|gain| gain.0 > 0.0)
-            || anybody != command.served_user.is_some()
-        {
-            let user = command.served_user;
-            return Err(Violation::ServedUser { slot, user });
-        }
-        let at_state = aircomp::Slot {
-            sensor_gains: &sensor_gains,
-            sensor_coefficients: &coefficients,
-            user_gain: user_gain.unwrap_or_default(),
-            user_power: Watt(command.user_power.0.to_f64()),
-            noise_power: Watt(self.mission.parameters().noise_power.0.to_f64()),
-        };
-        let mse = at_state.mse(command.normalizing_factor.to_f64());
-        let promised = command.mse.to_f64();
-        let tolerance = MSE_ROUNDING * T::CONSTRAINT_TOLERANCE.to_f64();
-        if mse <= promised * (1.0 + tolerance) {
-            return Ok(());
-        }
-        Err(Violation::Mse {
-            slot,
-            mse,
-            promised,
         })
     }
 
@@ -400,22 +342,4 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             pieces,
         })
     }
-}
-
-/// Checks a number that a command states about its gains.
-fn check_count<T: Scalar>(
-    slot: u32,
-    name: &'static str,
-    got: u16,
-    expected: usize,
-) -> Result<(), Violation<T>> {
-    if usize::from(got) == expected {
-        return Ok(());
-    }
-    Err(Violation::Gains {
-        slot,
-        name,
-        got,
-        expected,
-    })
 }

@@ -1,5 +1,5 @@
 use firmware_core::{
-    Position,
+    Position, PowerGain, Watt,
     autopilot::Tick,
     controller::Controller,
     link::{FRAME_MAX, encode},
@@ -149,7 +149,7 @@ fn what_the_ground_sends_is_counted_once() {
     bench.hear(&Message::ChannelState(state));
     bench.hear(&Message::ChannelState(good.clone()));
     bench.hear(&Message::ChannelState(good));
-    // A piece that is no frame, and one that is not complete.
+    // A piece that is not a frame, and one that is not complete.
     for &byte in &[0, 7, 7, 0, 0, 9] {
         bench.auditor.to_vehicle(&[byte]);
         let _ = bench.vehicle.push::<f32, USERS, SENSORS>(byte);

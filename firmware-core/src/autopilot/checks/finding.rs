@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// A parameter that limits the mission, or that is good to know before it.
+/// A parameter that limits the mission, or that the operator should know of before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Finding {
     /// A parameter that limits the mission.

@@ -48,25 +48,34 @@ fn the_slowest_parameter_is_named() {
     assert_eq!(manager.slowest(), Some(("WPNAV_SPEED", 3500.0)));
 }
 
-/// What is asked for is enough: a vehicle set so is not clipped below the mission's speed.
+/// The values that a mission needs suffice, and just so: a vehicle with these values is not clipped
+/// below the mission's speed, and a tenth less of any is reported.
 #[test]
 fn what_is_needed_does_not_clip() {
-    for firmware in [Firmware::ArduCopter, Firmware::Px4] {
+    for (firmware, limiting_rules) in [(Firmware::ArduCopter, 9), (Firmware::Px4, 4)] {
         for speed_mps in [3.0, 12.0, 30.0, 55.5] {
+            let needs = Needs { speed_mps };
             let mut limits = Limits::<f64>::ideal();
+            let mut names = std::vec::Vec::new();
             for rule in rules(firmware) {
-                let needs = Needs { speed_mps };
                 if let Some((needed, _)) = rule.effect.needed(&needs) {
+                    names.push(rule.name);
                     assert_eq!(rule.effect.judge(rule.name, needed, &needs), None);
+                    let less = rule.effect.judge(rule.name, needed * 0.9, &needs);
+                    assert!(less.is_some(), "{} of {}", needed * 0.9, rule.name);
                     rule.effect.clip(needed, &mut limits);
                 }
             }
-            assert!(limits.speed_mps > f64::from(speed_mps), "{limits:?}");
+            assert_eq!(names.len(), limiting_rules, "{firmware:?}: {names:?}");
+            // From the mission's speed to a fifth above it.
+            let mission_mps = f64::from(speed_mps);
+            let clipped_mps = mission_mps..mission_mps * 1.2;
+            assert!(clipped_mps.contains(&limits.speed_mps), "{limits:?}");
         }
     }
 }
 
-/// Plays an autopilot with these parameters until the manager has nothing more to ask.
+/// Answers as an autopilot with these parameters until the manager has no more requests.
 fn play(
     manager: &mut ParameterManager,
     values: &mut std::vec::Vec<(&'static str, f32)>,
@@ -115,7 +124,7 @@ fn play(
 }
 
 #[test]
-fn what_clips_is_set_and_put_back_even_if_every_second_answer_is_lost() {
+fn what_clips_is_set_and_restored_even_if_every_second_answer_is_lost() {
     let found = std::vec![
         ("WPNAV_SPEED", 1000.0),
         ("WPNAV_ACCEL", 250.0),
@@ -151,9 +160,10 @@ fn what_clips_is_set_and_put_back_even_if_every_second_answer_is_lost() {
     assert!(manager.is_restored() && said.len() == 4, "{said:?}");
 }
 
-/// An autopilot that refuses is obeyed; one that falls silent leaves us with words.
+/// A refused change is not repeated without end; a parameter that cannot be restored is reported with
+/// its original value.
 #[test]
-fn what_cannot_be_set_or_put_back_is_said() {
+fn what_cannot_be_set_or_restored_is_reported() {
     let mut values = std::vec![("WPNAV_SPEED", 1000.0)];
     let mut manager = ParameterManager::default();
     let (limits, said) = play(&mut manager, &mut values, true, false, |n| n > 0);

@@ -41,7 +41,7 @@ const HALVINGS: usize = 9;
 /// ```
 ///
 /// Both decay by a factor of two or more a slot. (With 1 and 1 the first has the root -1 and
-/// oscillates for ever. Without feedforward a fast vehicle overshoots a place to hover at
+/// oscillates without end. Without feedforward a fast vehicle overshoots a place to hover at
 /// repeatedly.)
 const FEEDFORWARD: f64 = 0.3;
 const CORRECTION: f64 = 0.35;

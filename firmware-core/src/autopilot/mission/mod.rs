@@ -11,8 +11,10 @@
 //! it:        REQUEST(_INT) k ...     ACK               COUNT                 ITEM k ...
 //! ```
 
+mod outcome;
 mod plan;
 mod upload;
 
+pub use outcome::{Left, UploadError, UploadOutcome};
 pub use plan::{Ending, MissionPlan, PlanError};
-pub use upload::{Left, MissionUpload, SPACE_PATIENCE, UploadError, UploadOutcome};
+pub use upload::{MissionUpload, SPACE_PATIENCE};

@@ -7,8 +7,8 @@ use mavlink::dialects::common::{
     MISSION_ACK_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA, MISSION_REQUEST_INT_DATA,
     MISSION_REQUEST_LIST_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
-use thiserror::Error;
 
+use super::outcome::{Left, UploadError, UploadOutcome};
 use super::plan::{MissionPlan, PlanError};
 use crate::autopilot::command::{CommandOutcome, Patience, Pending, Request, Turn};
 use crate::autopilot::profile::Firmware;
@@ -16,65 +16,32 @@ use crate::autopilot::wire::Address;
 use crate::scalar::Scalar;
 use crate::time::{Duration, Instant};
 
-/// Error returned when an upload has failed.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum UploadError {
-    /// The autopilot stopped answering.
-    #[error("no answer from the autopilot")]
-    Unanswered,
-    /// The autopilot refused the mission.
-    #[error("the autopilot refused the mission ({0:?})")]
-    Refused(MavMissionResult),
-    /// An item that was read back differs from the one sent.
-    #[error("item {0} read back differs from what was sent")]
-    Different(u16),
-    /// The autopilot has another number of items.
-    #[error("{got} items read back, {sent} were sent")]
-    Count {
-        /// The number of items read back.
-        got: u16,
-        /// The number of items sent.
-        sent: u16,
-    },
-    /// The caller cancelled the upload.
-    #[error("cancelled")]
-    Cancelled,
-    /// The mission was uploaded, but not started.
-    #[error("the mission was uploaded, but {0} failed")]
-    NotStarted(&'static str),
-}
-
-/// The mission that is on the autopilot after a failure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Left {
-    /// The old mission.
-    Old,
-    /// None: it was cleared, and the autopilot confirmed that.
-    Nothing,
-    /// The complete new mission.
-    Whole,
-    /// Unknown: the autopilot did not answer.
-    Unknown,
-}
-
-/// The outcome of an upload.
-pub type UploadOutcome = Result<(), (UploadError, Left)>;
-
+/// The stage of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
+    /// The number of items is sent.
     Offer,
+    /// This item, which the autopilot has requested last, is sent.
     Serve(u16),
+    /// The number of items is read back.
     ReadCount,
+    /// This item is read back.
     ReadItem(u16),
+    /// The mission is started: this command is sent, in the order of
+    /// [`start_step`](MissionUpload::start_step).
     Start(u8),
+    /// The mission is cleared after this error.
     Clear(UploadError),
+    /// The number of items is read to check that the mission was cleared after this error.
     CheckCleared(UploadError),
+    /// The transfer has ended.
     Over(UploadOutcome),
 }
 
 /// The time without progress after which a message is repeated.
 const ANSWER_TIME: Duration = Duration::from_millis(1_000);
 
+/// The largest number of times that a message is sent without progress.
 const ATTEMPTS: u8 = 8;
 
 /// The number of times that the last item is sent before its effect is read back.
@@ -97,10 +64,10 @@ pub struct MissionUpload<'a, T: Scalar> {
     stage: Stage,
     due: Instant,
     attempts: u8,
-    /// The offer was sent: the autopilot may have dropped the old mission for it.
+    /// The offer was sent, after which the autopilot may have dropped the old mission.
     touched: bool,
     /// The final acknowledgement of a read-back is still to be sent.
-    farewell: bool,
+    final_ack_is_due: bool,
     pending: Option<Pending>,
     patience: Patience,
     /// The time at which the autopilot first answered that it has no space for a mission.
@@ -126,7 +93,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
             due: Instant::ZERO,
             attempts: 0,
             touched: false,
-            farewell: false,
+            final_ack_is_due: false,
             pending: None,
             patience: Patience::default(),
             no_space_since: None,
@@ -184,7 +151,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
     /// Returns the next message to send. Call until `None`, and again within 50 ms or when
     /// something was received.
     pub fn poll(&mut self, now: Instant) -> Option<MavMessage> {
-        if core::mem::take(&mut self.farewell) {
+        if core::mem::take(&mut self.final_ack_is_due) {
             return Some(self.ack(MavMissionResult::MAV_MISSION_ACCEPTED));
         }
         if let Stage::Start(step) = self.stage {
@@ -293,7 +260,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
                 } else {
                     Left::Unknown
                 };
-                self.farewell = true;
+                self.final_ack_is_due = true;
                 self.stage = Stage::Over(Err((error, left)));
             }
             (M::MISSION_ITEM_INT(item), Stage::ReadItem(sequence))
@@ -304,7 +271,7 @@ impl<'a, T: Scalar> MissionUpload<'a, T> {
                 } else if sequence + 1 < self.plan.count() {
                     self.enter(now, Stage::ReadItem(sequence + 1));
                 } else {
-                    self.farewell = true;
+                    self.final_ack_is_due = true;
                     if self.start {
                         self.enter(now, Stage::Start(0));
                     } else {

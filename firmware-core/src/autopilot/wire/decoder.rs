@@ -31,7 +31,7 @@ pub struct Counters {
     pub unsigned: u32,
     /// Good frames with a wrong signature.
     pub bad_signature: u32,
-    /// Frames with a valid signature that are too old: a recording.
+    /// Frames with a valid signature that are too old, such as replayed ones.
     pub replayed: u32,
 }
 

@@ -1,8 +1,8 @@
 //! MAVLink 2 message signing: only a sender that knows the key is accepted.
 //!
 //! A signed frame ends with a link id, a time (48 bits, units of 10 us since 2015-01-01) and the
-//! first 48 bits of SHA-256 over the key, the frame and those two. Times only rise per link and
-//! sender, so a recording is refused. Signer and verifier have no clock of their own: the caller
+//! first 48 bits of SHA-256 over the key, the frame and those two. The times of each
+//! link and sender only increase, so a replayed frame is refused. Signer and verifier have no clock of their own: the caller
 //! sets it.
 
 use core::fmt;
@@ -91,7 +91,7 @@ impl Signer {
 }
 
 /// The number of senders (per link) whose times are tracked. A further sender is refused:
-/// forgetting one would let its recordings in.
+/// if one were forgotten, replayed frames of it would be accepted.
 const STREAMS: usize = 16;
 
 /// Verifies the signatures of received frames.
@@ -132,7 +132,7 @@ impl Verifier {
         }
         let (signed, tail) = frame.bytes().split_at(frame.bytes().len() - SIGNATURE);
         let expected = self.key.signature(signed, &tail[LINK_AND_TIME]);
-        // Compared as a whole, so that the time taken does not tell how much was right.
+        // Compared as a whole, so that the duration does not reveal how many bytes are right.
         let difference = expected
             .iter()
             .zip(&tail[DIGEST])

@@ -166,7 +166,7 @@ impl Board for Mps2 {
 /// it are the setpoints, on which the autopilot's own failsafe acts.
 fn last_words(why: &dyn Display) -> ! {
     cortex_m::interrupt::disable();
-    let report = BoardReport::BrokenOff(console::words(&why));
+    let report = BoardReport::Aborted(console::words(&why));
     let mut frame = [0; REPORT_FRAME_MAX];
     if let Ok(frame) = console::encode_report(&report, &mut frame) {
         CONSOLE.write_by_hand(frame);

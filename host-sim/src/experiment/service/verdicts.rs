@@ -5,10 +5,10 @@ use firmware_core::Position;
 use super::{DataRow, SlotRow, data_of, flight_of, flights};
 use crate::experiment::{
     Experiment,
+    approach::Approach,
     cell::{Cell, MSE_THRESHOLDS, Preset, Topology},
     claims::{Claim, Tally, Verdict, range},
     statistics,
-    totals::Approach,
 };
 
 /// Returns the mean over slots and places of the distance between them, metres.
@@ -158,8 +158,8 @@ pub(in crate::experiment) fn claims_of_schedule(rows: &[SlotRow]) -> Vec<Claim> 
              nearest was served in {:.0} to {:.0} % of the slots (chance: {:.0} to {:.0} %).",
             ranks.0, ranks.1, nearest.0, nearest.1, chances.0, chances.1
         ),
-        "Where the accuracy limits the rate, the nearest user sends no more than the next ones, \
-         and a user far behind is better served now than flown back to.",
+        "Where the accuracy limits the rate, the nearest user's rate is no higher than that of \
+         the next ones, and serving a user that the vehicle leaves behind avoids a return flight.",
     )]
 }
 
@@ -198,8 +198,8 @@ pub(in crate::experiment) fn claims_of_data(rows: &[DataRow]) -> Vec<Claim> {
                 "Standard deviation over the users: {least:.1} to {most:.1} % of the mean; at most \
                  15 % in {even} cells."
             ),
-            "Fairness counts slots, not data: users whose slots fall to the way to and from the \
-             good places get less.",
+            "Fairness counts slots, not data: users that are served on the way to and from the \
+             favourable positions send less.",
         ),
     ]
 }

@@ -1,329 +1,19 @@
-//! Verdicts on the paper's claims about total rates.
+//! Verdicts on the paper's claims about noise, fixed quantities and the mission time (fig:sigma,
+//! fig:diffing, fig:diffint).
 
 use std::fmt::Write as _;
 
-use super::{Approach, FAILED, TotalRow, approaches, cells};
+use super::{
+    TotalRow,
+    by_mission::{FAR, Totals, rises, same_topology_and_noise},
+    cells,
+};
 use crate::experiment::{
     Experiment,
-    cell::{Cell, HIGH_NOISE_DBM, MSE_THRESHOLDS, NOISE_DBM, Preset, Topology},
+    approach::Approach,
+    cell::{Cell, HIGH_NOISE_DBM, MSE_THRESHOLDS, NOISE_DBM, Topology},
     claims::{Claim, Tally, range},
 };
-
-/// "Slightly inferior": at least this fraction of the other.
-const SLIGHTLY: f64 = 0.95;
-/// "Far behind", "an evident gap": less than this fraction of the other.
-const FAR: f64 = 0.95;
-
-/// The rows, from which those of an approach are found by mission.
-struct Totals<'a>(&'a [TotalRow]);
-
-impl Totals<'_> {
-    fn row(&self, cell: &Cell, approach: Approach) -> Option<&TotalRow> {
-        let mut of_cell = self.0.iter().filter(|row| row.is_of(cell));
-        of_cell.find(|row| row.approach == approach)
-    }
-
-    fn rate(&self, cell: &Cell, approach: Approach) -> f64 {
-        self.row(cell, approach)
-            .map_or(f64::NAN, |row| row.sum_rate)
-    }
-
-    /// Returns the total of an approach as a percentage of another, over the cells in which it was
-    /// flown.
-    fn share(&self, cells: &[Cell], of: Approach, reference: Approach) -> String {
-        let shares = cells
-            .iter()
-            .map(|cell| self.rate(cell, of) / self.rate(cell, reference));
-        let (low, high) = range(shares.filter(|share| !share.is_nan()));
-        format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high)
-    }
-
-    /// Returns in how many of the cells in which both approaches have a confidence interval the one
-    /// of `above` is above the one of `below`.
-    fn intervals_apart(&self, cells: &[Cell], above: Approach, below: Approach) -> Tally {
-        let mut tally = Tally::default();
-        for cell in cells {
-            let row = |approach| {
-                let row = self.row(cell, approach)?;
-                Some((row.sum_rate, row.interval_95?))
-            };
-            if let (Some((high, half_high)), Some((low, half_low))) = (row(above), row(below)) {
-                tally.add_above(high - half_high, low + half_low);
-            }
-        }
-        tally
-    }
-}
-
-/// Returns how often a total rises from each mission to the next of the same kind.
-fn rises(
-    totals: &Totals<'_>,
-    cells: &[Cell],
-    approach: Approach,
-    same_kind: impl Fn(&Cell, &Cell) -> bool,
-) -> Tally {
-    let mut tally = Tally::default();
-    for pair in cells
-        .windows(2)
-        .filter(|pair| same_kind(&pair[0], &pair[1]))
-    {
-        let (before, after) = (
-            totals.rate(&pair[0], approach),
-            totals.rate(&pair[1], approach),
-        );
-        tally.add_above(after, before);
-    }
-    tally
-}
-
-fn same_topology_and_noise(a: &Cell, b: &Cell) -> bool {
-    a.topology == b.topology && a.noise_dbm == b.noise_dbm
-}
-
-/// Returns the claims about fig:alg: those about learners once for each preset, so that only
-/// learners of the same preset are compared.
-pub(in crate::experiment) fn claims_of_approaches(rows: &[TotalRow]) -> Vec<Claim> {
-    let (totals, cells) = (Totals(rows), cells(Experiment::Approaches));
-    let rising = approaches(Experiment::Approaches)
-        .iter()
-        .map(|&approach| rises(&totals, &cells, approach, same_topology_and_noise))
-        .fold(Tally::default(), |sum, tally| sum + tally);
-    let mut claims = vec![Claim::new(
-        "The total grows with the threshold, for every approach.",
-        rising.verdict(),
-        format!("It rises in {rising} steps."),
-        "",
-    )];
-    let of_preset = |claim: fn(&Totals<'_>, &[Cell], Preset) -> Claim| {
-        Preset::ALL.map(|preset| claim(&totals, &cells, preset))
-    };
-    for claim in [
-        best,
-        slightly_inferior,
-        straight_line_far_behind,
-        above_straight_line,
-        near_search,
-        lead_grows,
-        no_run_failed,
-    ] {
-        claims.extend(of_preset(claim));
-    }
-    claims
-}
-
-fn best(totals: &Totals<'_>, cells: &[Cell], preset: Preset) -> Claim {
-    let (sac, ddpg) = (Approach::sac(preset), Approach::ddpg(preset));
-    let (mut above_ddpg, mut above_line) = <(Tally, Tally)>::default();
-    for cell in cells {
-        let total = totals.rate(cell, sac);
-        above_ddpg.add_above(total, totals.rate(cell, ddpg));
-        above_line.add_above(total, totals.rate(cell, Approach::StraightLine));
-    }
-    let apart = totals.intervals_apart(cells, sac, ddpg);
-    let intervals = match apart.cases {
-        0 => "no cell has the intervals of both learners yet".to_owned(),
-        _ => format!("its interval is above DDPG's in {apart} cells with intervals of both"),
-    };
-    Claim::new(
-        format!(
-            "SAC is best, above DDPG and above the straight line: {} against {}.",
-            sac.title(),
-            ddpg.title()
-        ),
-        (above_ddpg + above_line).verdict(),
-        format!(
-            "{} is above {} in {above_ddpg} cells ({intervals}) and above the straight line in \
-             {above_line}; it reaches {} of the certified bound.",
-            sac.title(),
-            ddpg.title(),
-            totals.share(cells, sac, Approach::Bound),
-        ),
-        "",
-    )
-}
-
-fn slightly_inferior(totals: &Totals<'_>, cells: &[Cell], preset: Preset) -> Claim {
-    let (sac, ddpg) = (Approach::sac(preset), Approach::ddpg(preset));
-    let mut close = Tally::default();
-    for cell in cells {
-        close.add_above(totals.rate(cell, ddpg), SLIGHTLY * totals.rate(cell, sac));
-    }
-    Claim::new(
-        format!(
-            "DDPG is only slightly inferior to SAC: {} against {}.",
-            ddpg.title(),
-            sac.title()
-        ),
-        close.verdict(),
-        format!(
-            "{} has at least {:.0} % of the total of {} in {close} cells; it reaches {} of that \
-             total and {} of the certified bound.",
-            ddpg.title(),
-            100.0 * SLIGHTLY,
-            sac.title(),
-            totals.share(cells, ddpg, sac),
-            totals.share(cells, ddpg, Approach::Bound),
-        ),
-        "",
-    )
-}
-
-fn straight_line_far_behind(totals: &Totals<'_>, cells: &[Cell], preset: Preset) -> Claim {
-    let sac = Approach::sac(preset);
-    let mut far = Tally::default();
-    for cell in cells {
-        let line = totals.rate(cell, Approach::StraightLine);
-        far.add_above(FAR * totals.rate(cell, sac), line);
-    }
-    Claim::new(
-        format!("The straight line is far behind SAC: {}.", sac.title()),
-        far.verdict(),
-        format!(
-            "It has less than {:.0} % of the total of {} in {far} cells; it reaches {} of that \
-             total.",
-            100.0 * FAR,
-            sac.title(),
-            totals.share(cells, Approach::StraightLine, sac),
-        ),
-        "",
-    )
-}
-
-fn above_straight_line(totals: &Totals<'_>, cells: &[Cell], preset: Preset) -> Claim {
-    let ddpg = Approach::ddpg(preset);
-    let (mut above, mut below) = (Tally::default(), Vec::new());
-    for cell in cells {
-        let (total, line) = (
-            totals.rate(cell, ddpg),
-            totals.rate(cell, Approach::StraightLine),
-        );
-        above.add_above(total, line);
-        if total < line {
-            below.push(format!("{} ({:.1} %)", named(cell), 100.0 * total / line));
-        }
-    }
-    let mut measured = format!("{} is above it in {above} cells.", ddpg.title());
-    if !below.is_empty() {
-        let _ = write!(
-            measured,
-            " It is below, with the fraction of the straight line's total, in: {}.",
-            below.join("; ")
-        );
-    }
-    Claim::new(
-        format!("DDPG is above the straight line: {}.", ddpg.title()),
-        above.verdict(),
-        measured,
-        "",
-    )
-}
-
-fn near_search(totals: &Totals<'_>, cells: &[Cell], preset: Preset) -> Claim {
-    let sac = Approach::sac(preset);
-    let mut near = Tally::default();
-    for cell in cells {
-        let of = |approach| totals.rate(cell, sac) / totals.rate(cell, approach);
-        near.add(of(Approach::Search) >= 0.97 && of(Approach::Bound) >= 0.95);
-    }
-    Claim::new(
-        format!("SAC comes close to a global search: {}.", sac.title()),
-        near.verdict(),
-        format!(
-            "{} reaches {} of the best known mission and {} of the certified bound; at least 97 % \
-             and 95 % in {near} cells.",
-            sac.title(),
-            totals.share(cells, sac, Approach::Search),
-            totals.share(cells, sac, Approach::Bound),
-        ),
-        "",
-    )
-}
-
-fn lead_grows(totals: &Totals<'_>, cells: &[Cell], preset: Preset) -> Claim {
-    let (sac, ddpg) = (Approach::sac(preset), Approach::ddpg(preset));
-    let lead = |cell: &Cell| totals.rate(cell, sac) / totals.rate(cell, ddpg);
-    let mut leads = Tally::default();
-    for cell in cells.iter().filter(|cell| cell.noise_dbm == NOISE_DBM) {
-        leads.add_above(lead(&cell.at_noise(HIGH_NOISE_DBM)), lead(cell));
-    }
-    let leads_at = |noise_dbm: f64| {
-        let cells = cells.iter().filter(|cell| cell.noise_dbm == noise_dbm);
-        let (least, most) = range(cells.map(lead).filter(|lead| !lead.is_nan()));
-        format!("{least:.3} to {most:.3}")
-    };
-    Claim::new(
-        format!(
-            "With more noise SAC's lead over DDPG grows: {} against {}.",
-            sac.title(),
-            ddpg.title()
-        ),
-        leads.verdict(),
-        format!(
-            "The total of {} divided by that of {} is {} at {NOISE_DBM} dBm and {} at \
-             {HIGH_NOISE_DBM} dBm; it grows in {leads} cells.",
-            sac.title(),
-            ddpg.title(),
-            leads_at(NOISE_DBM),
-            leads_at(HIGH_NOISE_DBM),
-        ),
-        "",
-    )
-}
-
-fn no_run_failed(totals: &Totals<'_>, cells: &[Cell], preset: Preset) -> Claim {
-    let learners = [Approach::sac(preset), Approach::ddpg(preset)];
-    let (mut sound, mut failed, mut alone) = (Tally::default(), Vec::new(), 0);
-    for cell in cells {
-        for row in learners.map(|learner| totals.row(cell, learner)) {
-            let Some(row) = row else { continue };
-            if row.runs < 2 {
-                alone += 1;
-                continue;
-            }
-            sound.add(row.failed_seeds.is_empty());
-            if !row.failed_seeds.is_empty() {
-                let title = row.approach.title();
-                failed.push(format!(
-                    "{title}, {}: seed {}",
-                    named(cell),
-                    row.failed_seeds
-                ));
-            }
-        }
-    }
-    let mut measured = format!(
-        "A run looks failed if its total is below {:.0} % of the median of the same cell's other \
-         seeds. All look sound in {sound} cases (a learner and a cell) with several seeds",
-        100.0 * FAILED
-    );
-    if alone > 0 {
-        let _ = write!(measured, "; {alone} cases have one seed only");
-    }
-    measured.push('.');
-    if !failed.is_empty() {
-        let _ = write!(measured, " Runs that look failed: {}.", failed.join("; "));
-    }
-    Claim::new(
-        format!(
-            "No training fails (not a claim of the paper): {}, {}.",
-            learners[0].title(),
-            learners[1].title()
-        ),
-        sound.verdict(),
-        measured,
-        "",
-    )
-}
-
-/// Returns the values that distinguish the cells of fig:alg.
-fn named(cell: &Cell) -> String {
-    format!(
-        "{}, {} dBm, {:.3}",
-        cell.topology.name(),
-        cell.noise_dbm,
-        cell.mse_threshold
-    )
-}
 
 /// Returns the claims about fig:sigma.
 pub(in crate::experiment) fn claims_of_noise(rows: &[TotalRow]) -> Vec<Claim> {
@@ -384,12 +74,13 @@ pub(in crate::experiment) fn claims_of_strategies(rows: &[TotalRow]) -> Vec<Clai
             format!(
                 "From 0.020 to 0.025 it grows by {:.1} % (separated) and {:.1} % (mixed); in \
                  {fewest:.0} to {most:.0} of 60 slots sensors of equal power cannot meet the \
-                 threshold at all, and such a slot carries nothing.",
+                 threshold at all, and the rate of such a slot is 0.",
                 sensor[0], sensor[1]
             ),
-            "Sensors that all send with full power arrive with unequal amplitudes, which alone \
-             exceeds a tight threshold; a looser one lets more slots through, so the total grows \
-             with it. The paper gives neither the power nor what a slot counts that misses Gamma.",
+            "If all sensors send with full power, their signals arrive with unequal amplitudes, and \
+             this error alone exceeds a tight threshold; a looser threshold is met in more slots, \
+             so the total grows with it. The paper gives neither the power nor the rate of a slot \
+             that misses Gamma.",
         ),
     ]
 }
@@ -416,7 +107,7 @@ fn best_of_strategies(totals: &Totals<'_>, cells: &[Cell]) -> Claim {
         );
     }
     Claim::new(
-        "SAC is best, with an evident gap to every scheme that holds something fixed: SAC \
+        "SAC is best, with an evident gap to every scheme that holds one quantity fixed: SAC \
          (tuned), seed 1, and the same policy with fixed powers.",
         (best + evident).verdict(),
         format!(

@@ -1,5 +1,5 @@
 //! An image and its twin under faults on the ground link: both receive the same damaged bytes and
-//! must send the same bytes. An auditor of the link demands the rules of the protocol, and the
+//! must send the same bytes. An auditor of the link checks the rules of the protocol, and the
 //! vehicle's counters are compared with the injected faults.
 
 use std::{
@@ -101,9 +101,9 @@ impl Campaign {
         })?;
         let footprint = self.image.footprint()?.unwrap_or_default();
         demand(footprint.lost_bytes + footprint.unsent_frames == 0, || {
-            format!("the image had no room: {footprint:?}")
+            format!("the image has lost bytes or frames: {footprint:?}")
         })?;
-        self.count("bytes and frames without room in the image", 0);
+        self.count("bytes and frames lost in the image", 0);
         Ok(self.tally)
     }
 
@@ -117,20 +117,22 @@ impl Campaign {
         let image = self.image.round(input)?;
         let twin = self.twin.round(input)?;
         let done = self.auditor.expected().slots_done;
-        let apart =
+        let difference =
             |what: &str| format!("after slot {done}: the image and its twin differ in {what}");
         demand(image.to_ground == twin.to_ground, || {
-            apart("the ground link")
+            difference("the ground link")
         })?;
-        demand(image.to_vehicle == twin.to_vehicle, || apart("MAVLink"))?;
+        demand(image.to_vehicle == twin.to_vehicle, || {
+            difference("MAVLink")
+        })?;
         let said_by_image = notices(&mut self.image, input.now);
         let said_by_twin = notices(&mut self.twin, input.now);
         demand(words(&said_by_image).eq(words(&said_by_twin)), || {
-            apart("events")
+            difference("events")
         })?;
         self.notices.extend(said_by_image);
         demand(self.image.state() == self.twin.state(), || {
-            apart("where they are")
+            difference("state")
         })?;
         self.count("bytes to the image", input.from_ground.len() as u32);
         self.count("bytes from the image, equal", image.to_ground.len() as u32);
@@ -162,7 +164,7 @@ impl Campaign {
             demand(fresh && !asked_again && complete, || {
                 format!("out of step after the faults: {command:?}")
             })?;
-            self.count("resynchronised at the first clean frame", 1);
+            self.count("resynchronized at the first clean frame", 1);
         }
         self.count(
             match (fresh, command.status.is_feasible()) {

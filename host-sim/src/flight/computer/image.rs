@@ -114,6 +114,8 @@ pub struct Image {
     events: VecDeque<String>,
     /// The reason why the mission was aborted.
     aborted_because: Option<String>,
+    /// The digest of the mission that the policy in flash was trained for, if that is flown.
+    scenario_digest: Option<String>,
 }
 
 impl Image {
@@ -137,13 +139,17 @@ impl Image {
             state: ComputerState::of_board(Stage::Preparing, Phase::Connecting, None),
             events: VecDeque::new(),
             aborted_because: None,
+            scenario_digest: None,
         };
         let answer = image
             .call(&Call::Order(order.clone()))
             .and_then(|()| image.report());
         match answer {
-            Ok(BoardReport::Ready) => Ok(image),
-            Ok(BoardReport::Refused(why) | BoardReport::BrokenOff(why)) => {
+            Ok(BoardReport::Ready { scenario_digest }) => {
+                image.scenario_digest = scenario_digest.map(|digest| digest.as_str().into());
+                Ok(image)
+            }
+            Ok(BoardReport::Refused(why) | BoardReport::Aborted(why)) => {
                 Err(format!("tcp:{to}: the board refuses: {why}"))
             }
             Ok(other) => Err(format!("tcp:{to}: an answer out of turn: {other:?}")),
@@ -195,8 +201,9 @@ impl OnboardComputer for Image {
             match self.report()? {
                 BoardReport::Tock(tock) => break tock,
                 BoardReport::Event(words) => self.events.push_back(words.as_str().into()),
-                BoardReport::BrokenOff(why) => self.aborted_because = Some(why.as_str().into()),
-                BoardReport::Ready | BoardReport::Refused(_) | BoardReport::Footprint(_) => {}
+                BoardReport::Aborted(why) => self.aborted_because = Some(why.as_str().into()),
+                BoardReport::Ready { .. } | BoardReport::Refused(_) | BoardReport::Footprint(_) => {
+                }
             }
         };
         self.state = ComputerState::of_board(tock.stage, tock.phase, tock.place);
@@ -231,6 +238,10 @@ impl OnboardComputer for Image {
 
     fn aborted_because(&self) -> Option<String> {
         self.aborted_because.clone()
+    }
+
+    fn scenario_digest(&self) -> Option<&str> {
+        self.scenario_digest.as_deref()
     }
 
     fn footprint(&mut self) -> io::Result<Option<Footprint>> {

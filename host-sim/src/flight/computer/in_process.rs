@@ -80,7 +80,7 @@ impl<P: Policy<f64, USERS_MAX>> InProcess<P> {
             onboard.sign_with(signer, Verifier::new(key, unix_us));
         }
         onboard.autopilot_mut().launch(Instant::ZERO);
-        let given = (!client.names_profile).then_some(settings.profile);
+        let given = (!client.profile_from_heartbeat).then_some(settings.profile);
         Ok(Self {
             onboard,
             profile: None,
@@ -210,10 +210,10 @@ impl<P: Policy<f64, USERS_MAX>> OnboardComputer for InProcess<P> {
         self.onboard.autopilot_mut().abandon_parameters();
     }
 
-    fn is_tidy(&mut self, now: Instant, stop_asked: bool) -> bool {
+    fn is_finished(&mut self, now: Instant, stop_asked: bool) -> bool {
         let client = self.onboard.autopilot_mut();
         self.parameters
-            .are_settled(now, client, stop_asked, &mut self.notices)
+            .are_finished(now, client, stop_asked, &mut self.notices)
     }
 
     fn left_over(&self) -> Option<String> {

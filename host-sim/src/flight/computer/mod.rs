@@ -178,6 +178,12 @@ pub trait OnboardComputer: fmt::Debug {
     /// Returns the reason why the mission was aborted; `None` if only the phase is known.
     fn aborted_because(&self) -> Option<String>;
 
+    /// Returns the digest of the mission that the policy was trained for; `None` if the policy is a
+    /// rule, and for a computer whose policy the caller has.
+    fn scenario_digest(&self) -> Option<&str> {
+        None
+    }
+
     /// Returns the memory usage, if the computer can report it.
     ///
     /// # Errors
@@ -221,7 +227,7 @@ pub trait OnboardComputer: fmt::Debug {
 
     /// Returns whether nothing is left to do after the flight; `stop_asked` is whether the user has
     /// asked for the end.
-    fn is_tidy(&mut self, now: Instant, stop_asked: bool) -> bool {
+    fn is_finished(&mut self, now: Instant, stop_asked: bool) -> bool {
         let _ = (now, stop_asked);
         true
     }

@@ -36,7 +36,7 @@ pub(super) struct ChangedParameters {
     ended: Option<Instant>,
     /// The time at which the motors were first found stopped after the flight was over.
     disarmed: Option<Instant>,
-    /// The message that the vehicle must be disarmed first was shown.
+    /// Whether the message that the vehicle must be disarmed first was shown.
     wait_said: bool,
 }
 
@@ -79,7 +79,7 @@ impl ChangedParameters {
             let (names, file) = (journal.names(), journal.path().display());
             if journal.fits(address.system, firmware) {
                 notices.push_back(Notice::Waiting(format!(
-                    "putting back {names}, which an earlier run left changed ({file})"
+                    "restoring {names}, which an earlier run left changed ({file})"
                 )));
                 client.restore_first(&journal.changes());
             } else if self.may_change {
@@ -125,7 +125,7 @@ impl ChangedParameters {
     /// parameters that were set are restored, or restoring them was abandoned and reported. If
     /// someone else flies the vehicle, this waits without limit, because parameters are only
     /// changed while the vehicle is disarmed.
-    pub(super) fn are_settled(
+    pub(super) fn are_finished(
         &mut self,
         now: Instant,
         client: &mut Autopilot<f64>,
@@ -153,8 +153,8 @@ impl ChangedParameters {
                 let names = client.changed_parameters().iter();
                 let names: Vec<&str> = names.map(|change| change.name).collect();
                 notices.push_back(Notice::Waiting(format!(
-                    "waiting for the vehicle to be disarmed to put back {}; ctrl-C leaves them to \
-                     `host-sim doctor --restore`",
+                    "waiting for the vehicle to be disarmed before restoring {}; ctrl-C ends \
+                     this, and `host-sim doctor --restore` restores them later",
                     names.join(", ")
                 )));
             }
@@ -176,8 +176,8 @@ impl ChangedParameters {
             .as_ref()
             .filter(|journal| !journal.is_empty())?;
         Some(format!(
-            "{} keeps what was not put back ({}): `host-sim doctor --restore --journal {0}`, or \
-             the next run with the same --out, puts it back",
+            "{} holds the parameters that were not restored ({}): `host-sim doctor --restore \
+             --journal {0}`, or the next run with the same --out, restores them",
             journal.path().display(),
             journal.names()
         ))

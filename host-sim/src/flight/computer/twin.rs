@@ -93,4 +93,9 @@ impl OnboardComputer for Twin {
     fn aborted_because(&self) -> Option<String> {
         self.aborted_because.clone()
     }
+
+    fn scenario_digest(&self) -> Option<&str> {
+        let policy = self.computer.controller().policy();
+        policy.scenario_digest().map(|digest| digest.as_str())
+    }
 }

@@ -4,9 +4,10 @@
 //! burn-steps [STEPS]
 //! ```
 //!
-//! A step draws a batch of 64 from memory and updates two critics (eq:Q, expectation over users
-//! exact), the policy (eq:pi), both temperatures (eq:beta) and the target networks, with Adam:
-//! 19 states, 15 users, two hidden layers of 128. One thread (this build of burn has no other).
+//! A step draws a batch from memory and updates two critics (eq:Q, expectation over users exact),
+//! the policy (eq:pi), both temperatures (eq:beta) and the target networks, with Adam. It uses one
+//! thread; this build of burn supports no more. The test `trainer/tests/compared_sizes.rs` compares
+//! the constants below with the trainer's.
 
 use std::{hint::black_box, time::Instant};
 
@@ -27,12 +28,12 @@ const BATCH: usize = 64;
 const MEMORY: usize = 12_000;
 const RATE: f64 = 1e-4;
 const DISCOUNT: f32 = 0.9;
-const TARGET_RATE: f32 = 0.005;
+const TAU: f32 = 0.005;
 const DISPLACEMENT_ENTROPY: f32 = -2.0;
 const USER_ENTROPY_FRACTION: f32 = 0.2;
 /// `ln sigma` lies between these.
 const LOG_SIGMA: [f32; 2] = [-5.0, 1.0];
-/// A logit that no softmax notices.
+/// A logit so low that softmax returns probability 0.
 const EXCLUDED: f32 = -1e9;
 
 #[derive(Module, Debug)]
@@ -54,30 +55,29 @@ impl Mlp {
     }
 
     /// eq:theta1.
-    fn follow(self, source: &Self) -> Self {
+    fn soft_update(self, source: &Self) -> Self {
         let mut sources = source.layers.iter();
         let layers = self.layers.map(|layer| {
             let source = sources.next().expect("as many layers");
-            let follow = |own: Tensor<2>, source: Tensor<2>| {
-                own * (1.0 - TARGET_RATE) + source * TARGET_RATE
-            };
-            let weight = layer.weight.map(|own| follow(own, source.weight.val()));
-            let bias = layer.bias.zip(source.bias.as_ref()).map(|(own, source)| {
-                own.map(|own| own * (1.0 - TARGET_RATE) + source.val() * TARGET_RATE)
-            });
+            let mix = |own: Tensor<2>, source: Tensor<2>| own * (1.0 - TAU) + source * TAU;
+            let weight = layer.weight.map(|own| mix(own, source.weight.val()));
+            let bias = layer
+                .bias
+                .zip(source.bias.as_ref())
+                .map(|(own, source)| own.map(|own| own * (1.0 - TAU) + source.val() * TAU));
             Linear { weight, bias }
         });
         Self { layers }
     }
 }
 
-/// `ln beta` of displacement and user.
+/// The logarithms of the temperatures (the paper's `beta`) of displacement and user.
 #[derive(Module, Debug)]
 struct Temperatures {
     log: Param<Tensor<1>>,
 }
 
-/// A network with its optimiser.
+/// A network with its optimizer.
 struct Trained<M: Module> {
     module: Option<M>,
     adam: ModuleOptimizer,
@@ -103,17 +103,22 @@ impl<M: Module> Trained<M> {
     }
 }
 
-/// What the policy says about a batch of states.
-struct Draw {
+/// The policy's distribution in a batch of states, and one displacement sampled from it per state.
+struct PolicySample {
     displacement: Tensor<2>,
     /// `ln pi(a|s)`, a column.
-    log_density: Tensor<2>,
-    log_probability: Tensor<2>,
-    probability: Tensor<2>,
+    log_prob: Tensor<2>,
+    log_user_prob: Tensor<2>,
+    user_prob: Tensor<2>,
 }
 
-/// `crate::head` of the trainer, in burn's operations.
-fn draw(policy: &Mlp, states: Tensor<2>, exclusion: Tensor<2>, device: &Device) -> Draw {
+/// Computes the same as `trainer::head`, with burn's operations.
+fn sample_policy(
+    policy: &Mlp,
+    states: Tensor<2>,
+    exclusion: Tensor<2>,
+    device: &Device,
+) -> PolicySample {
     let output = policy.forward(states);
     let mean = output.clone().narrow(1, 0, 2);
     let spread = output.clone().narrow(1, 2, 2).tanh();
@@ -124,22 +129,21 @@ fn draw(policy: &Mlp, states: Tensor<2>, exclusion: Tensor<2>, device: &Device) 
     let log_slope =
         (-raw.clone() - softplus(raw.clone() * -2.0, 1.0) + core::f32::consts::LN_2) * 2.0;
     let half_ln_2_pi = 0.5 * core::f32::consts::TAU.ln();
-    let log_density = (-(noise.square() * 0.5) - log_sigma - log_slope - half_ln_2_pi).sum_dim(1);
-    let log_probability = log_softmax(output.narrow(1, 4, USERS) + exclusion, 1);
-    Draw {
+    let log_prob = (-(noise.square() * 0.5) - log_sigma - log_slope - half_ln_2_pi).sum_dim(1);
+    let log_user_prob = log_softmax(output.narrow(1, 4, USERS) + exclusion, 1);
+    PolicySample {
         displacement: raw.tanh(),
-        log_density,
-        probability: log_probability.clone().exp(),
-        log_probability,
+        log_prob,
+        user_prob: log_user_prob.clone().exp(),
+        log_user_prob,
     }
 }
 
-impl Draw {
+impl PolicySample {
     /// Minus the soft value, a column.
     fn soft_cost(&self, least: Tensor<2>, temperature: &[f32; 2]) -> Tensor<2> {
-        let over_users = self.log_probability.clone() * temperature[1] - least;
-        (self.probability.clone() * over_users).sum_dim(1)
-            + self.log_density.clone() * temperature[0]
+        let over_users = self.log_user_prob.clone() * temperature[1] - least;
+        (self.user_prob.clone() * over_users).sum_dim(1) + self.log_prob.clone() * temperature[0]
     }
 }
 
@@ -258,7 +262,7 @@ impl Sac {
         let beta = [beta[0], beta[1]];
 
         // eq:Q: no gradients on the way to the target.
-        let next = draw(
+        let next = sample_policy(
             &self.policy.module().valid(),
             batch.next.clone(),
             batch.next_exclusion,
@@ -280,7 +284,7 @@ impl Sac {
         // eq:pi: through the critics to the displacement, not into their weights.
         let device = self.device.clone().autodiff();
         let exclusion = batch.exclusion.autodiff();
-        let now = draw(
+        let now = sample_policy(
             self.policy.module(),
             states.clone(),
             exclusion.clone(),
@@ -300,17 +304,17 @@ impl Sac {
             .greater_equal_elem(-1.0)
             .float();
         let even = admitted.sum_dim(1).log() * USER_ENTROPY_FRACTION;
-        let entropy = (now.probability * now.log_probability).without_autodiff();
+        let entropy = (now.user_prob * now.log_user_prob).without_autodiff();
         let surplus = -(entropy.sum_dim(1) + even).mean();
-        let density = now.log_density.without_autodiff().mean();
+        let density = now.log_prob.without_autodiff().mean();
         let surplus = Tensor::cat(vec![-(density + DISPLACEMENT_ENTROPY), surplus], 0);
         let beta = self.temperatures.module().log.val().exp();
         self.temperatures
             .descend(&(beta * surplus.autodiff()).sum());
 
         for (target, critic) in self.targets.iter_mut().zip(&self.critics) {
-            let follower = target.take().expect("there");
-            *target = Some(follower.follow(&critic.module().valid()));
+            let network = target.take().expect("there");
+            *target = Some(network.soft_update(&critic.module().valid()));
         }
     }
 }

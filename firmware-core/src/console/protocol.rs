@@ -1,0 +1,218 @@
+//! The messages between a board and its console, and their frames.
+
+use heapless::String;
+use serde::{Deserialize, Serialize};
+
+use super::order::MissionOrder;
+use crate::{
+    autopilot::Phase,
+    link::{self, Decoder, FrameError, FrameTooLong},
+    onboard::Stage,
+    scalar::Position,
+    time::Instant,
+};
+
+/// The version of the console's messages. Any change of a message needs a new version.
+pub const CONSOLE_VERSION: u8 = 130;
+
+/// The length of the longest frame: an order with the largest number of users and sensors.
+pub const CONSOLE_FRAME_MAX: usize = 832;
+
+/// The length of the longest text.
+pub const TEXT_MAX: usize = 120;
+
+/// One moment of a bench's time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tick {
+    /// The time.
+    pub now: Instant,
+    /// Bytes that were sent over the ground link so far, modulo 2^32.
+    pub ground_bytes: u32,
+    /// Bytes that were sent over MAVLink so far, modulo 2^32.
+    pub mavlink_bytes: u32,
+}
+
+/// The result of one round on a board.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tock {
+    /// Bytes that the board sent over the ground link so far, modulo 2^32.
+    pub ground_bytes: u32,
+    /// Bytes that the board sent over MAVLink so far, modulo 2^32.
+    pub mavlink_bytes: u32,
+    /// The stage of the mission.
+    pub stage: Stage,
+    /// The phase of the MAVLink client.
+    pub phase: Phase,
+    /// The measured position and altitude, metres.
+    pub place: Option<(Position<f32>, f32)>,
+    /// The computing time of this round.
+    pub cost: Cost,
+}
+
+/// Computing times on the board's clock, nanoseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Cost {
+    /// The whole round.
+    pub round_ns: u32,
+    /// The part spent planning; 0 where no slot was planned.
+    pub plan_ns: u32,
+    /// The part spent allocating; 0 where no slot was allocated.
+    pub allocate_ns: u32,
+}
+
+/// The use of a board's memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Footprint {
+    /// The largest use of the stack so far, bytes.
+    pub stack_bytes: u32,
+    /// The size of the onboard computer itself, bytes.
+    pub computer_bytes: u32,
+    /// Received bytes that were lost because a buffer was full.
+    pub lost_bytes: u32,
+    /// Frames that were not sent because a buffer was full.
+    pub unsent_frames: u32,
+}
+
+/// A message to the board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant)] // no allocator
+pub enum Call {
+    /// An order to fly a mission.
+    Order(MissionOrder),
+    /// On a bench: the present time.
+    Tick(Tick),
+    /// A person asks the vehicle to land.
+    Stop,
+    /// A request for the use of memory.
+    Footprint,
+}
+
+/// A message from the board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum BoardReport {
+    /// The order was accepted.
+    Ready {
+        /// The digest of the mission that the policy was trained for, by which the bench finds that
+        /// it is another mission; `None` if the policy is a rule.
+        scenario_digest: Option<String<64>>,
+    },
+    /// The order was refused for this reason; another may follow.
+    Refused(String<TEXT_MAX>),
+    /// A round is done.
+    Tock(Tock),
+    /// A description of an event.
+    Event(String<TEXT_MAX>),
+    /// The mission was aborted for this reason.
+    Aborted(String<TEXT_MAX>),
+    /// The use of memory.
+    Footprint(Footprint),
+}
+
+/// Writes a call as a frame.
+///
+/// # Errors
+/// Returns an error if the frame does not fit; [`CONSOLE_FRAME_MAX`] bytes always suffice.
+pub fn encode_call<'f>(call: &Call, frame: &'f mut [u8]) -> Result<&'f [u8], FrameTooLong> {
+    link::seal::<CONSOLE_FRAME_MAX>(CONSOLE_VERSION, call, frame)
+}
+
+/// The length of the longest frame of a [`BoardReport`].
+pub const REPORT_FRAME_MAX: usize = 160;
+
+/// Writes a report as a frame.
+///
+/// # Errors
+/// Returns an error if the frame does not fit; [`REPORT_FRAME_MAX`] bytes always suffice.
+pub fn encode_report<'f>(
+    report: &BoardReport,
+    frame: &'f mut [u8],
+) -> Result<&'f [u8], FrameTooLong> {
+    link::seal::<REPORT_FRAME_MAX>(CONSOLE_VERSION, report, frame)
+}
+
+/// The board's decoder: finds calls in a stream of bytes.
+#[derive(Clone, Debug, Default)]
+pub struct Calls(Decoder<CONSOLE_FRAME_MAX>);
+
+impl Calls {
+    /// Takes a byte. At the end of a frame it returns the call, or the error if there is none.
+    pub fn push(&mut self, byte: u8) -> Option<Result<Call, FrameError>> {
+        self.0.push_of(CONSOLE_VERSION, byte)
+    }
+}
+
+/// The bench's decoder: finds reports in a stream of bytes.
+#[derive(Clone, Debug, Default)]
+pub struct Reports(Decoder<REPORT_FRAME_MAX>);
+
+impl Reports {
+    /// Takes a byte. At the end of a frame it returns the report, or the error if there is none.
+    pub fn push(&mut self, byte: u8) -> Option<Result<BoardReport, FrameError>> {
+        self.0.push_of(CONSOLE_VERSION, byte)
+    }
+}
+
+/// Formats a value as text, truncated to [`TEXT_MAX`].
+pub fn words(what: &impl core::fmt::Display) -> String<TEXT_MAX> {
+    struct Cut(String<TEXT_MAX>);
+    impl core::fmt::Write for Cut {
+        fn write_str(&mut self, text: &str) -> core::fmt::Result {
+            text.chars()
+                .try_for_each(|letter| self.0.push(letter))
+                .map_err(|_| core::fmt::Error)
+        }
+    }
+    let mut cut = Cut(String::new());
+    // The error means that the text was truncated.
+    let _ = core::fmt::Write::write_fmt(&mut cut, format_args!("{what}"));
+    cut.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::order::tests::order, *};
+    use crate::autopilot::frames::Geodetic;
+
+    #[test]
+    fn the_longest_order_fits_and_survives() {
+        let mut order = order();
+        let place = Position::new(999.0, 1.0);
+        while order.mission.users.push(place).is_ok() {}
+        while order.mission.sensors.push(place).is_ok() {}
+        order.map_origin = Geodetic {
+            latitude_e7: i32::MIN,
+            longitude_e7: i32::MIN,
+        };
+        order.mission.slots = u32::MAX;
+        let mut buffer = [0; CONSOLE_FRAME_MAX];
+        let frame = encode_call(&Call::Order(order.clone()), &mut buffer).expect("fits");
+        let mut calls = Calls::default();
+        let got: std::vec::Vec<_> = frame.iter().filter_map(|&b| calls.push(b)).collect();
+        assert_eq!(got, [Ok(Call::Order(order))]);
+    }
+
+    #[test]
+    fn the_longest_report_fits_and_survives() {
+        let text = words(&"x".repeat(200));
+        assert_eq!(text.len(), TEXT_MAX);
+        let report = BoardReport::Aborted(text);
+        let mut buffer = [0; REPORT_FRAME_MAX];
+        let frame = encode_report(&report, &mut buffer).expect("fits");
+        let mut reports = Reports::default();
+        let got: std::vec::Vec<_> = frame.iter().filter_map(|&b| reports.push(b)).collect();
+        assert_eq!(got, [Ok(report)]);
+    }
+
+    /// The bytes of a frame are a format: a change of them is a new version.
+    #[test]
+    fn the_format_is_stable() {
+        let tick = Call::Tick(Tick {
+            now: Instant::from_micros(300),
+            ground_bytes: 1,
+            mavlink_bytes: 2,
+        });
+        let mut buffer = [0; 32];
+        let frame = encode_call(&tick, &mut buffer).expect("fits");
+        assert_eq!(frame[..8], [0, 11, 130, 1, 172, 2, 1, 2]);
+    }
+}

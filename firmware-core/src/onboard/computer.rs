@@ -1,0 +1,142 @@
+//! The onboard computer: its parts and its state.
+
+use super::stage::{Fault, Stage};
+use crate::{
+    SENSORS_MAX, USERS_MAX,
+    autopilot::{Autopilot, wire},
+    controller::{ChannelState, Controller, SlotCommand},
+    link::{Arrival, Decoder, SlotCounters, VehicleStatus},
+    policy::Policy,
+    scalar::Scalar,
+    time::{Duration, Instant},
+};
+
+/// Settings of the slot cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OnboardSettings {
+    /// The longest time that the ground may take to answer an arrival; never longer than half a
+    /// slot.
+    pub channel_patience: Duration,
+    /// The time without an answer after which the arrival is sent again.
+    pub arrival_interval: Duration,
+    /// The operations that the policy may spend on a better plan in a [`poll`](Onboard::poll) on
+    /// the way to a waypoint, after a change of the mission.
+    pub planning_operations: u64,
+}
+
+impl Default for OnboardSettings {
+    fn default() -> Self {
+        Self {
+            channel_patience: Duration::from_millis(500),
+            arrival_interval: Duration::from_millis(125),
+            planning_operations: 500_000,
+        }
+    }
+}
+
+/// The end of a slot, while the computer waits for its channel state.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Measuring<T: Scalar> {
+    pub(super) since: Instant,
+    pub(super) arrival: Arrival<T>,
+    pub(super) repeat_at: Instant,
+}
+
+/// The onboard computer.
+#[derive(Debug)]
+pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
+    pub(super) settings: OnboardSettings,
+    pub(super) slot_duration_s: f64,
+    pub(super) controller: Controller<T, P, M, J>,
+    pub(super) autopilot: Autopilot<T>,
+    pub(super) stage: Stage,
+    pub(super) fault: Option<Fault>,
+    pub(super) measuring: Option<Measuring<T>>,
+    /// `t_0`, when slot 1 began, on the vehicle's clock.
+    pub(super) began: Option<Instant>,
+    pub(super) mavlink_in: wire::Decoder,
+    pub(super) mavlink_out: wire::Encoder,
+    pub(super) ground_in: Decoder,
+    pub(super) channel_state: Option<ChannelState<T, M, J>>,
+    pub(super) arrival: Option<Arrival<T>>,
+    pub(super) command: Option<SlotCommand<T, J>>,
+    pub(super) status_due: bool,
+    pub(super) slots: SlotCounters,
+    pub(super) mavlink_unreadable: u32,
+}
+
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
+    /// Creates a computer before take-off that has received nothing from either side.
+    pub fn new(
+        settings: OnboardSettings,
+        controller: Controller<T, P, M, J>,
+        autopilot: Autopilot<T>,
+    ) -> Self {
+        let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
+        // The exchange takes place in the next slot, which has to be flown as well.
+        let half_slot = Duration::from_secs_f64(slot_duration_s / 2.0);
+        let settings = OnboardSettings {
+            channel_patience: settings.channel_patience.min(half_slot),
+            ..settings
+        };
+        Self {
+            settings,
+            slot_duration_s,
+            controller,
+            mavlink_out: wire::Encoder::new(autopilot.own()),
+            autopilot,
+            stage: Stage::Preparing,
+            fault: None,
+            measuring: None,
+            began: None,
+            mavlink_in: wire::Decoder::in_order(),
+            ground_in: Decoder::new(),
+            channel_state: None,
+            arrival: None,
+            command: None,
+            status_due: false,
+            slots: SlotCounters::default(),
+            mavlink_unreadable: 0,
+        }
+    }
+
+    /// Returns the stage of the mission.
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Returns why the onboard computer aborted the mission, if it did.
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// Returns the controller.
+    pub fn controller(&self) -> &Controller<T, P, M, J> {
+        &self.controller
+    }
+
+    /// Returns the MAVLink client.
+    pub fn autopilot(&self) -> &Autopilot<T> {
+        &self.autopilot
+    }
+
+    /// Returns the MAVLink client, to launch, to stop and to take its events.
+    pub fn autopilot_mut(&mut self) -> &mut Autopilot<T> {
+        &mut self.autopilot
+    }
+
+    /// Returns the counters of everything that was received, dropped or missing.
+    pub fn status(&self) -> VehicleStatus {
+        VehicleStatus {
+            slots_done: self.controller.slots_done(),
+            slots: SlotCounters {
+                changes_refused: self.controller.changes_refused(),
+                ..self.slots
+            },
+            link: *self.ground_in.counters(),
+            mavlink: self.mavlink_in.counters(),
+            mavlink_unreadable: self.mavlink_unreadable,
+            plan: self.controller.policy().quality(),
+        }
+    }
+}
