@@ -46,6 +46,10 @@ pub(crate) struct BenchmarkArguments {
     /// Compute the bounds that are missing in bounds.csv, without flying
     #[arg(long)]
     certify: bool,
+    /// With --certify, also compute again the bounds whose relative gap is above this value; the
+    /// larger lower bound and the smaller upper bound are stored
+    #[arg(long, value_name = "GAP", requires = "certify")]
+    certify_above: Option<f64>,
     /// Fly this many missions in which something changes at mid-mission (users move, leave or join,
     /// sensors leave, the MSE threshold, speed limit or number of slots falls), and compare with
     /// plans that knew it from the start
@@ -65,7 +69,7 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
         .build()
         .map_err(Failure::failed)?;
     if arguments.certify {
-        return pool.install(|| certify(&arguments.missions, &scenarios, bounds));
+        return pool.install(|| certify(arguments, &scenarios, bounds));
     }
     let default = vec![PolicyChoice::Plan, PolicyChoice::StraightLine];
     let policies = if arguments.policy.is_empty() {
@@ -160,10 +164,19 @@ fn bar(length: usize) -> ProgressBar {
 }
 
 /// Computes the missing bounds. Each bound is written to the file as soon as it is known.
-fn certify(folder: &Path, scenarios: &[Scenario], bounds: Bounds) -> Result<(), Failure> {
+fn certify(
+    arguments: &BenchmarkArguments,
+    scenarios: &[Scenario],
+    bounds: Bounds,
+) -> Result<(), Failure> {
+    let folder = &arguments.missions;
+    let enough = arguments.certify_above.unwrap_or(f64::INFINITY);
     let missing: Vec<&Scenario> = scenarios
         .iter()
-        .filter(|scenario| bounds.of(&scenario.digest()).is_none())
+        .filter(|scenario| {
+            let known = bounds.of(&scenario.digest());
+            known.is_none_or(|known| known.gap > enough)
+        })
         .collect();
     let bar = bar(missing.len());
     let bounds = Mutex::new(bounds);
@@ -171,6 +184,10 @@ fn certify(folder: &Path, scenarios: &[Scenario], bounds: Bounds) -> Result<(), 
         match Bounds::certify(scenario) {
             Ok(record) => {
                 let mut bounds = bounds.lock().map_err(Failure::failed)?;
+                let record = match bounds.of(&record.digest) {
+                    Some(known) => record.tighter(known),
+                    None => record,
+                };
                 bounds.insert(record);
                 bounds.write(folder).map_err(Failure::failed)?;
             }
