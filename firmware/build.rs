@@ -23,6 +23,18 @@ fn main() {
             fail(&format!("{name}: {error}"));
         }
     };
+    let order = env::var("FIRMWARE_ORDER").unwrap_or_else(|_| {
+        fail(
+            "FIRMWARE_ORDER must name the order whose mission the bench plans: `cargo xtask \
+             firmware build` writes it and sets it",
+        )
+    });
+    println!("cargo::rerun-if-env-changed=FIRMWARE_ORDER");
+    println!("cargo::rerun-if-changed={order}");
+    match fs::read(&order) {
+        Ok(frame) => write("planned.order", &frame),
+        Err(error) => fail(&format!("{order}: {error}")),
+    }
     match fs::read(&policy) {
         // The numbers are the file's end: its length says how they lie to the boundaries of words.
         Ok(file) => {

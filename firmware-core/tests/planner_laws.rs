@@ -7,8 +7,8 @@ mod test_missions;
 use firmware_core::{
     Mission, Position, Scalar, Watt,
     inner::{SlotLimits, Workspace},
-    mission::{Area, MissionParameters},
-    planner::{Capacity, Planner, PlannerError, PlannerState},
+    mission::{Area, MissionChange, MissionParameters},
+    planner::{Capacity, OperationsInFlight, Planner, PlannerError, PlannerState},
     policy::{Action, Observation, Policy},
 };
 use proptest::prelude::*;
@@ -364,6 +364,77 @@ proptest! {
             }
         }
     }
+}
+
+/// The operations in flight are limited, and how they are divided among polls changes nothing.
+#[test]
+fn polls_spend_what_is_allowed_and_no_more() {
+    const FIRST: u64 = 3_000_000;
+    const PER_CHANGE: u64 = 1_000_000;
+    let mission: TestMission<f32> = plain().mission();
+    let is_planning = |planner: &TestPlanner<f32>| {
+        let quality = Policy::<f32, M>::quality(planner).expect("a plan");
+        quality.is_replanning
+    };
+    let plan = |planner: &mut TestPlanner<f32>| -> Vec<_> {
+        (1..=24)
+            .map(|slot| (planner.waypoint(slot), planner.served_user(slot)))
+            .collect()
+    };
+    let change = MissionChange::User {
+        user: 1,
+        position_m: Position::new(700.0, 200.0),
+    };
+    let mut whole = planner(&mission);
+    assert!(!whole.advance(FIRST).finished, "the limit has an effect");
+    let first = plan(&mut whole);
+    whole.revise(&change, 0);
+    assert!(!whole.advance(PER_CHANGE).finished);
+    for per_poll in [1, 1_000, 77_777, u64::MAX] {
+        let mut polled = planner(&mission);
+        polled.set_operations_in_flight(&OperationsInFlight {
+            first_plan: FIRST,
+            per_change: PER_CHANGE,
+            per_correction: 0,
+        });
+        while is_planning(&polled) {
+            polled.improve(per_poll);
+        }
+        assert_eq!(plan(&mut polled), first, "{per_poll} operations a poll");
+        polled.improve(u64::MAX);
+        assert_eq!(plan(&mut polled), first, "nothing is left to spend");
+        polled.revise(&change, 0);
+        while is_planning(&polled) {
+            polled.improve(per_poll);
+        }
+        assert_eq!(
+            plan(&mut polled),
+            plan(&mut whole),
+            "{per_poll}, after a change"
+        );
+        assert!(polled.value() > 0.0);
+    }
+}
+
+/// A mission that exceeds the capacity is refused, and a place for a planner stays as it was.
+#[test]
+fn a_place_keeps_its_planner_if_the_next_mission_is_refused() {
+    let mission: TestMission<f32> = plain().mission();
+    let capacity = Capacity::new(23, M);
+    let memory = (
+        vec![0.0_f32; capacity.values()],
+        vec![0; capacity.indices()],
+    );
+    let mut place = Some(planner(&mission));
+    let refused = Planner::new_in(&mut place, &mission, capacity, memory).expect_err("24 slots");
+    let expected = PlannerError::TooLarge {
+        what: "slots",
+        got: 24,
+        capacity: 23,
+    };
+    assert_eq!(refused, expected);
+    assert_eq!(capacity.check(&mission), Err(expected));
+    assert!(place.is_some());
 }
 
 /// Table I's numbers with few nodes.

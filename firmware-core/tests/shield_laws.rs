@@ -140,6 +140,14 @@ impl<T: Scalar> Policy<T, USERS> for Adversary {
             user_scores,
         }
     }
+
+    fn revise(&mut self, _: &firmware_core::mission::MissionChange<T>, _: u32) {}
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {
+        None
+    }
 }
 
 /// Flies missions until `outputs` outputs are used; the vehicle reaches every waypoint.

@@ -12,7 +12,7 @@ use firmware_core::{
     },
     console::{
         self, BoardComputer, BoardReport, Call, Calls, Clock, Cost, Footprint, MissionOrder,
-        OrderError, REPORT_FRAME_MAX, Tick, Tock,
+        OrderError, PolicyKind, REPORT_FRAME_MAX, Tick, Tock,
     },
     link::FRAME_MAX,
     onboard::{Activity, Probe, Stage},
@@ -20,10 +20,13 @@ use firmware_core::{
     time::Instant,
 };
 
-use crate::board::{Board, Line};
+use crate::{
+    board::{Board, Line},
+    planner::{PlannerMemory, StaticPlanner},
+};
 
-/// The computer of this image: its policy lies in flash.
-pub type Computer = BoardComputer<&'static [u8]>;
+/// The computer of this image: its policy is in flash, its planner in memory of its own.
+pub type Computer = BoardComputer<&'static [u8], &'static mut StaticPlanner>;
 
 /// Bytes taken from a line at a time.
 const PIECE: usize = 64;
@@ -40,12 +43,17 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
         }
     };
     let mut calls = Calls::default();
+    let mut memory = PlannerMemory::take();
     // Built where it stays: it is most of what is on the stack.
     let mut commissioned = None;
     let clock = loop {
         match next_call(board, &mut calls) {
             Some(Call::Order(order)) => {
-                match commission(board, &order, &trained, &mut commissioned) {
+                let planner = prepare::<B>(&order, &mut memory);
+                let built = planner.and_then(|planner| {
+                    commission(board, &order, (&trained, planner), &mut commissioned)
+                });
+                match built {
                     Ok(()) => break order.clock,
                     Err(why) => report(board, &BoardReport::Refused(console::words(&why))),
                 }
@@ -79,21 +87,35 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
     }
 }
 
+/// Checks an order and, where it asks for a plan, creates the planner. This is not done in
+/// [`commission`], so that the stack does not hold both the planner's and the computer's parts.
+#[inline(never)]
+fn prepare<B: Board>(
+    order: &MissionOrder,
+    memory: &mut Option<PlannerMemory>,
+) -> Result<Option<&'static mut StaticPlanner>, OrderError> {
+    order.check_watchdog(B::LONGEST_WATCH)?;
+    if order.policy_kind != PolicyKind::Plan {
+        return Ok(None);
+    }
+    let mission = order.check()?;
+    Ok(Some(PlannerMemory::planner(memory, &mission)?))
+}
+
 /// Apart, so that what it needs of the stack is given back.
 #[inline(never)]
 fn commission<B: Board>(
     board: &mut B,
     order: &MissionOrder,
-    trained: &Mlp<&'static [u8]>,
+    (trained, planner): (&Mlp<&'static [u8]>, Option<&'static mut StaticPlanner>),
     place: &mut Option<Computer>,
 ) -> Result<(), OrderError> {
-    order.check_watchdog(B::LONGEST_WATCH)?;
-    let computer = place.insert(order.build(Some(trained))?);
+    let computer = place.insert(order.build(Some(trained), planner)?);
     let now = match order.clock {
         Clock::Board => board.now(),
         Clock::Console => Instant::ZERO,
     };
-    computer.autopilot_mut().launch(now);
+    computer.launch(now);
     Ok(())
 }
 

@@ -6,6 +6,7 @@
 //! |---|---|
 //! | [`board`] | one small trait, and a folder for each board: serial lines, timer, watchdog |
 //! | [`flight`] | the loop: an order over the console, then slot after slot |
+//! | [`planner`] | the planner's memory |
 //!
 //! No allocator, no operating system, no `static mut`. docs/target.md says how to build it, what
 //! it costs, and what another board takes.
@@ -13,6 +14,7 @@
 
 pub mod board;
 pub mod flight;
+pub mod planner;
 
 /// The trained policy, as it lies in flash: shifted so that its numbers lie on the boundaries of
 /// words (build.rs).

@@ -1,10 +1,11 @@
 //! The policies that can be selected on the command line.
 
 use std::{
-    fmt,
+    fmt, fs,
     path::{Path, PathBuf},
     str::FromStr,
     sync::LazyLock,
+    time::Duration,
 };
 
 #[cfg(feature = "onnx")]
@@ -38,8 +39,15 @@ pub enum PolicyChoice {
     Search,
     /// The onboard planner, which plans before take-off and re-plans in flight.
     Plan,
+    /// The onboard planner, which plans before take-off for at most this time.
+    PlanWithin(Duration),
+    /// The plan that [`PolicyChoice::Plan`] has before take-off, after at most this time, flown as it
+    /// is: nothing is re-planned or improved in flight.
+    PlanOnce(Option<Duration>),
     /// A trained policy.
     File(PathBuf),
+    /// A directory with `.onnx` files: the policy among them that was trained for the mission.
+    Trained(PathBuf),
     /// A file with planned waypoints: see [`waypoint_file`].
     Waypoints(PathBuf),
 }
@@ -54,20 +62,36 @@ impl FromStr for PolicyChoice {
             "fixed" => Ok(Self::Fixed),
             "search" => Ok(Self::Search),
             "plan" => Ok(Self::Plan),
+            "plan-once" => Ok(Self::PlanOnce(None)),
             _ => {
+                if let Some(seconds) = text.strip_prefix("plan:") {
+                    return planning_time(seconds).map(Self::PlanWithin);
+                }
+                if let Some(seconds) = text.strip_prefix("plan-once:") {
+                    return planning_time(seconds).map(|time| Self::PlanOnce(Some(time)));
+                }
                 let path = PathBuf::from(text);
                 match path.extension().and_then(|extension| extension.to_str()) {
                     Some("onnx" | "policy") => Ok(Self::File(path)),
                     Some("csv" | "plan") => Ok(Self::Waypoints(path)),
+                    _ if path.is_dir() => Ok(Self::Trained(path)),
                     _ => Err(
-                        "must be shipped, plan, straight-line, fixed, search, or a file that ends in .onnx, \
-                         .policy, .csv or .plan"
+                        "must be shipped, plan, plan:SECONDS, plan-once, plan-once:SECONDS, straight-line, fixed, search, \
+                         a file that ends in .onnx, .policy, .csv or .plan, or a directory of .onnx files"
                             .into(),
                     ),
                 }
             }
         }
     }
+}
+
+/// Reads the time that planning may take.
+fn planning_time(text: &str) -> Result<Duration, String> {
+    let seconds: Option<f64> = text.parse().ok();
+    let seconds = seconds.filter(|seconds| (0.0..=3600.0).contains(seconds));
+    let time = seconds.map(Duration::from_secs_f64);
+    time.ok_or_else(|| format!("{text}: the time of planning must be 0 to 3600 seconds"))
 }
 
 impl fmt::Display for PolicyChoice {
@@ -78,11 +102,16 @@ impl fmt::Display for PolicyChoice {
             Self::Fixed => f.write_str("fixed"),
             Self::Search => f.write_str("search"),
             Self::Plan => f.write_str("plan"),
+            Self::PlanWithin(time) => write!(f, "plan:{}", time.as_secs_f64()),
+            Self::PlanOnce(None) => f.write_str("plan-once"),
+            Self::PlanOnce(Some(time)) => write!(f, "plan-once:{}", time.as_secs_f64()),
             // Records contain only the file's name, because its directory does not affect its decisions.
-            Self::File(path) | Self::Waypoints(path) => match path.file_name() {
-                Some(name) => name.to_string_lossy().fmt(f),
-                None => path.display().fmt(f),
-            },
+            Self::File(path) | Self::Waypoints(path) | Self::Trained(path) => {
+                match path.file_name() {
+                    Some(name) => name.to_string_lossy().fmt(f),
+                    None => path.display().fmt(f),
+                }
+            }
         }
     }
 }
@@ -135,14 +164,47 @@ const CELLS: usize = 16;
 /// Returns the policy that was trained for the mission of a scenario, if one is shipped: its file's
 /// name and content.
 fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
-    // The file contains the digest as text. Parsing all files as networks would take a second.
     let digest = scenario.digest();
-    let has_digest = |file: &[u8]| {
-        let mut parts = file.windows(digest.len());
-        parts.any(|part| part == digest.as_bytes())
-    };
-    let found = SHIPPED.iter().find(|(_, file)| has_digest(file))?;
+    let found = SHIPPED
+        .iter()
+        .find(|(_, file)| contains_digest(file, &digest))?;
     cfg!(feature = "onnx").then_some(*found)
+}
+
+/// Returns whether an ONNX file may be a policy for the mission with this digest. The file contains
+/// the digest as text. Parsing all files as networks would take a second.
+fn contains_digest(file: &[u8], digest: &str) -> bool {
+    let mut parts = file.windows(digest.len());
+    parts.any(|part| part == digest.as_bytes())
+}
+
+/// Returns the policy of a directory that was trained for the mission of a scenario: its file and
+/// its content. Among several, the first in the order of the names is taken.
+///
+/// # Errors
+/// Returns a message of one line if the directory or one of its files cannot be read, or if none of
+/// them was trained for the mission.
+fn trained_for(folder: &Path, scenario: &Scenario) -> Result<(PathBuf, Vec<u8>), String> {
+    let digest = scenario.digest();
+    let entries = fs::read_dir(folder).map_err(|error| named(folder, error))?;
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(entry.map_err(|error| named(folder, error))?.path());
+    }
+    paths.sort();
+    for path in paths {
+        if path.extension().is_some_and(|kind| kind == "onnx") {
+            let file = input::read(&path).map_err(|error| named(&path, error))?;
+            if contains_digest(&file, &digest) {
+                return Ok((path, file));
+            }
+        }
+    }
+    let problem = format!(
+        "no .onnx file in it was trained for the mission {}",
+        scenario.name
+    );
+    Err(named(folder, problem))
 }
 
 /// A policy of any kind that has been loaded for a mission.
@@ -207,11 +269,29 @@ impl HostPolicy {
                     .map_err(|error| error.to_string())?;
                 Self::Search(SearchPolicy::new(plan))
             }
-            PolicyChoice::Plan => {
+            PolicyChoice::Plan | PolicyChoice::PlanWithin(_) => {
+                let time = match choice {
+                    PolicyChoice::PlanWithin(time) => *time,
+                    _ => Duration::MAX,
+                };
                 let mut planner =
                     planner::new_planner(mission).map_err(|error| error.to_string())?;
-                planner::finish(&mut planner, |step| progress(LoadProgress::Plan(step)));
+                planner::finish_within(&mut planner, time, |step| {
+                    progress(LoadProgress::Plan(step));
+                });
                 Self::Plan(Box::new(planner))
+            }
+            PolicyChoice::PlanOnce(time) => {
+                let time = time.unwrap_or(Duration::MAX);
+                let report = |step: &PlanProgress| progress(LoadProgress::Plan(step));
+                let plan = planner::plan_within(mission, time, report);
+                let plan = plan.map_err(|error| error.to_string())?;
+                Self::Search(SearchPolicy::new(plan.into()))
+            }
+            PolicyChoice::Trained(folder) => {
+                let (path, file) = trained_for(folder, scenario)?;
+                let policy = Self::from_file(&path, file, scenario)?;
+                return Ok((policy, PolicyChoice::File(path).to_string()));
             }
             PolicyChoice::File(path) => {
                 let file = input::read(path).map_err(|error| named(path, error))?;

@@ -57,6 +57,17 @@ pub struct FlightNotes {
     /// ideal vehicle and perfect links. `None` if it was not flown, as when this flight is the
     /// ideal one.
     pub ideal_sum_rate: Option<f64>,
+    /// The certified bound of the mission, if it was asked for.
+    pub certified_bound: Option<CertifiedBound>,
+}
+
+/// A certified bound on the sum of the rates of any mission, and where it is from.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CertifiedBound {
+    /// No admissible mission has a larger sum of rates, bit/s/Hz.
+    pub upper: f64,
+    /// The file that it was read from, or `None` if it was computed for this flight.
+    pub file: Option<String>,
 }
 
 /// An event, in words.

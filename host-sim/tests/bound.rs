@@ -7,7 +7,7 @@ use firmware_core::{
     mission::{Area, MissionParameters},
     shield::{Fairness, Intervention, ReachableSet, admissible_waypoint},
 };
-use planning::bound::{Bound, BoundError, BoundSettings, certify};
+use planning::bound::{Bound, BoundError, BoundSettings, certify, certify_until};
 use planning::search::SearchPolicy;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -344,4 +344,25 @@ fn missions_without_room_and_missions_too_large_are_refused() {
         certify(&slow, &QUICK, |_| {}),
         Err(BoundError::TooLarge { .. })
     ));
+}
+
+/// A certification that is stopped at any time has a valid bound: no smaller than a mission that is
+/// found with more time, and no larger than what no slot can exceed.
+#[test]
+fn a_stopped_certification_is_a_certificate() {
+    let mission = shipped("mixed");
+    let best = bound(&mission, &BoundSettings::default());
+    let limit = f64::from(mission.slots()) * mission.slot_rate_limit();
+    let mut uppers = Vec::new();
+    for polls in [0, 1, 10, 300] {
+        let count = std::sync::atomic::AtomicUsize::new(0);
+        let stop = || count.fetch_add(1, std::sync::atomic::Ordering::Relaxed) >= polls;
+        let stopped = certify_until(&mission, &BoundSettings::default(), &stop, |_| {});
+        let stopped = stopped.expect("a bound");
+        assert!(stopped.upper >= best.lower && stopped.upper <= limit * 1.000_001);
+        assert!(stopped.lower <= best.upper && stopped.lower <= stopped.upper);
+        assert!(stopped.lower > 0.0);
+        uppers.push(stopped.upper);
+    }
+    assert!(uppers[0] > uppers[3], "{uppers:?}");
 }

@@ -82,6 +82,14 @@ impl Policy<f64, USERS_MAX> for Wanderer {
             user_scores: (0..self.users).map(|_| self.random.random()).collect(),
         }
     }
+
+    fn revise(&mut self, _: &firmware_core::mission::MissionChange<f64>, _: u32) {}
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {
+        None
+    }
 }
 
 /// Flies vehicles with inertia, slow and fast, in random directions until the shield sends them to

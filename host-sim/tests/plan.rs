@@ -195,6 +195,71 @@ fn the_benchmark_compares_policies_with_bounds_and_resumes() {
     assert_eq!(before.lines().count(), 5);
     assert_eq!(json(&arguments), found);
     assert_eq!(flights(), before);
+
+    let document = folder.path().join("table.md");
+    fs::write(
+        &document,
+        "above\n<!-- benchmark ideal --><!-- /benchmark ideal -->\nbelow\n",
+    )
+    .expect("written");
+    let table = ["--results", text(&results), "--document", text(&document)];
+    succeeds(&[&["benchmark", "--missions", missions], &table[..]].concat());
+    let written = fs::read_to_string(&document).expect("readable");
+    let rows: Vec<&str> = written.lines().filter(|row| row.starts_with('|')).collect();
+    assert_eq!(rows.len(), 4, "{written}");
+    assert!(rows[2].starts_with("| plan | 2 | 2 | 0.9"), "{written}");
+    let columns = |row: &str| row.matches('|').count();
+    assert!(rows.iter().all(|row| columns(row) == columns(rows[0])));
+}
+
+/// Planning that is cut off at once has the fair straight line; more time gives a better plan, and
+/// a directory provides the policy that was trained for the mission, or none.
+#[test]
+fn policies_with_little_time_or_from_a_directory_fly() {
+    let folder = tempdir().expect("a folder");
+    let total = |arguments: &[&str]| {
+        let out = folder.path().join("out");
+        let run = ["run", "--json", "--out", text(&out)];
+        let summary = json(&[&run, arguments].concat());
+        assert_eq!(summary["constraint_violations"], 0);
+        let policy = summary["policy"].as_str().expect("a name").to_owned();
+        (summary["sum_rate"].as_f64().expect("a number"), policy)
+    };
+    let policy = |policy: &str| total(&["--policy", policy]);
+    let at_once = policy("plan-once:0").0;
+    let (within, name) = policy("plan:0.2");
+    assert_eq!(name, "plan:0.2");
+    let (once, name) = policy("plan-once");
+    assert_eq!(name, "plan-once");
+    assert!(
+        at_once < within && within <= once * 1.001,
+        "{at_once} {within} {once}"
+    );
+
+    let refused = |policy: &str, expected: &str| {
+        let output = host_sim(&["run", "--policy", policy]);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+    };
+    for wrong in ["plan:-1", "plan:soon", "plan-once:1e9"] {
+        refused(wrong, "the time of planning must be 0 to 3600 seconds");
+    }
+    let models = folder.path().join("models");
+    fs::create_dir(&models).expect("created");
+    refused(text(&models), "was trained for the mission separated");
+    #[cfg(feature = "onnx")]
+    {
+        for name in ["mixed-sac.onnx", "separated-ddpg.onnx"] {
+            let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
+            fs::copy(shipped.join(name), models.join(name)).expect("copied");
+        }
+        let of_file = policy(text(&models.join("separated-ddpg.onnx"))).0;
+        assert_eq!(
+            policy(text(&models)),
+            (of_file, "separated-ddpg.onnx".into())
+        );
+    }
 }
 
 /// A run's own `slots.csv` and a `.plan` file are flown again as they were: by number, slot by slot.

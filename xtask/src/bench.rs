@@ -1,13 +1,7 @@
 //! The cost of the image, measured in QEMU and read from its ELF file: a table in docs/target.md,
 //! and a check against growth.
 
-use std::{
-    collections::BTreeMap,
-    fmt::Write as _,
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path, process::Command};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -17,6 +11,7 @@ use crate::{
     build::{self, BuildArguments, Images},
     elf::Sizes,
     hil::{self, Flight},
+    order, planner,
     qemu::{self, Board},
     tools::Compiler,
 };
@@ -41,14 +36,16 @@ pub(crate) struct BenchArguments {
 }
 
 /// One figure of the table.
-#[derive(Debug)]
-struct Figure {
-    name: &'static str,
-    unit: &'static str,
-    value: u64,
+#[derive(Debug, Default)]
+pub(crate) struct Figure {
+    pub(crate) name: &'static str,
+    pub(crate) unit: &'static str,
+    pub(crate) value: u64,
     /// The mean over all slots, if there are any.
-    mean: Option<u64>,
-    aim: Option<u64>,
+    pub(crate) mean: Option<u64>,
+    pub(crate) aim: Option<u64>,
+    /// The largest value with which the benchmark succeeds.
+    pub(crate) limit: Option<u64>,
 }
 
 /// The parts of a slot as the bench names them, their descriptions, and their largest allowed cost.
@@ -84,11 +81,13 @@ const PARTS: [(&str, &str, Option<u64>); 9] = [
 pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let mut figures = instructions(root, &images)?;
+    figures.extend(planner::figures(root, &images)?);
     figures.extend(bytes(root, &images, &arguments.build)?);
     let compiler = Compiler::find(root)?.version(root)?;
     let table = table(&figures, &compiler)?;
     println!("{table}");
     write_table(&root.join("docs/target.md"), &table)?;
+    check_limits(&figures)?;
     let baseline = root.join("firmware/baseline.json");
     if arguments.accept {
         return accept(&baseline, &figures, &compiler);
@@ -98,21 +97,7 @@ pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
 
 /// Returns the figures that the bench image prints.
 fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
-    let output = qemu::run_to_end(root, &images.bench)?;
-    let said = String::from_utf8(output.stdout)?;
-    ensure!(
-        output.status.success(),
-        "the bench ended with {}: {said}",
-        output.status
-    );
-    let mut lines = BTreeMap::new();
-    for line in said.lines() {
-        let line: Value = serde_json::from_str(line).with_context(|| line.to_owned())?;
-        let name = line["part"]
-            .as_str()
-            .context("the bench printed a line without a part")?;
-        lines.insert(name.to_owned(), line);
-    }
+    let lines = printed(root, &images.bench)?;
     PARTS
         .into_iter()
         .map(|(part, name, aim)| {
@@ -134,23 +119,54 @@ fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
                 value: number("worst")?,
                 mean: Some(number("mean")?),
                 aim,
+                limit: None,
             })
         })
         .collect()
+}
+
+/// Returns the lines that a bench prints, by the names of their parts.
+pub(crate) fn printed(root: &Path, image: &Path) -> Result<BTreeMap<String, Value>> {
+    let output = qemu::run_to_end(root, image)?;
+    let said = String::from_utf8(output.stdout)?;
+    ensure!(
+        output.status.success(),
+        "the bench ended with {}: {said}",
+        output.status
+    );
+    let mut lines = BTreeMap::new();
+    for line in said.lines() {
+        let line: Value = serde_json::from_str(line).with_context(|| line.to_owned())?;
+        let name = line["part"]
+            .as_str()
+            .context("the bench printed a line without a part")?;
+        lines.insert(name.to_owned(), line);
+    }
+    Ok(lines)
 }
 
 /// Returns the flash usage from the ELF file and the stack usage from a flight.
 fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec<Figure>> {
     let sizes = Sizes::read(&images.controller)?;
     let weights = fs::metadata(&images.policy)?.len();
-    let statics = u64::from(sizes.data) + u64::from(sizes.bss);
-    let stack = stack_bytes(root, images, arguments)?;
+    let planner = u64::from(sizes.planner);
+    ensure!(planner > 0, "the image has no statics of the planner");
+    let zeroed = u64::from(sizes.bss)
+        .checked_sub(planner)
+        .context("the planner's statics are not in .bss")?;
+    let statics = u64::from(sizes.data) + zeroed;
+    let folder = build::folder(root).join("bench");
+    let stack = stack_bytes(root, images, arguments, (&folder, &[]))?;
+    let events = hil::write_events(&folder, order::DEFAULT)?;
+    let events = events.display().to_string();
+    let planned: &[&str] = &["--policy", "plan", "--events", &events];
+    let stack_planned = stack_bytes(root, images, arguments, (&folder, planned))?;
     let figure = |name, value, aim| Figure {
         name,
         unit: "bytes",
         value,
-        mean: None,
         aim,
+        ..Figure::default()
     };
     let code = u64::from(sizes.text) + u64::from(sizes.rodata) + u64::from(sizes.data) - weights;
     Ok(vec![
@@ -159,24 +175,43 @@ fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec
         figure("flash: the policy", weights, None),
         figure("flash in all, without the policy", code, Some(96 * 1024)),
         figure("RAM: .data", sizes.data.into(), None),
-        figure("RAM: .bss and .uninit", sizes.bss.into(), None),
+        figure("RAM: .bss and .uninit", zeroed, None),
         figure("RAM: stack, the most of a flight", stack, None),
-        figure("RAM in all", statics + stack, Some(32 * 1024)),
+        figure(
+            "RAM: stack, the most of a flight with the planner and changes",
+            stack_planned,
+            None,
+        ),
+        figure(
+            "RAM in all, without the planner's tables",
+            statics + stack.max(stack_planned),
+            Some(32 * 1024),
+        ),
+        Figure {
+            limit: Some(256 * 1024),
+            ..figure("RAM: the planner's tables", planner, None)
+        },
     ])
 }
 
 /// Returns the largest stack usage of a whole mission, from take-off to landing.
-fn stack_bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<u64> {
+fn stack_bytes(
+    root: &Path,
+    images: &Images,
+    arguments: &BuildArguments,
+    (out, more): (&Path, &[&str]),
+) -> Result<u64> {
     let host = hil::host(root, arguments)?;
-    let out: PathBuf = build::folder(root).join("bench");
     let board = Board::start(root, &images.controller, false)?;
     let there = format!("tcp:127.0.0.1:{}", board.port);
     let output = Command::new(host)
         .current_dir(root)
-        .args(["run", "--json", "--controller", &there, "--out"])
-        .arg(&out)
+        .args(["run", "--json", "--controller", &there])
+        .args(more)
+        .arg("--out")
+        .arg(out)
         .output()?;
-    let flight = Flight::of(&output, &out)?;
+    let flight = Flight::of(&output, out)?;
     let said = flight.note.split("board: ").nth(1);
     let bytes = said.and_then(|said| said.split(' ').find_map(|word| word.parse().ok()));
     let bytes = bytes.with_context(|| format!("no stack in {:?}", flight.note))?;
@@ -203,17 +238,21 @@ fn grouped(number: u64) -> String {
 
 fn table(figures: &[Figure], compiler: &str) -> Result<String> {
     let mut table = String::new();
-    writeln!(table, "| | worst | mean | aim |\n|---|--:|--:|--:|")?;
+    writeln!(
+        table,
+        "| | worst | mean | aim | limit |\n|---|--:|--:|--:|--:|"
+    )?;
     for figure in figures {
         let optional = |number: Option<u64>| number.map(grouped).unwrap_or_default();
         writeln!(
             table,
-            "| {} | {} {} | {} | {} |",
+            "| {} | {} {} | {} | {} | {} |",
             figure.name,
             grouped(figure.value),
             figure.unit,
             optional(figure.mean),
             optional(figure.aim),
+            optional(figure.limit),
         )?;
     }
     write!(table, "\nMeasured with {compiler}.")?;
@@ -231,6 +270,25 @@ fn write_table(path: &Path, table: &str) -> Result<()> {
         place().with_context(|| format!("{}: no {BEGIN} and {END}", path.display()))?;
     let page = format!("{before}{BEGIN}\n{table}\n{END}{after}");
     fs::write(path, page).with_context(|| path.display().to_string())
+}
+
+/// Checks the figures that have a limit. No baseline can replace it.
+fn check_limits(figures: &[Figure]) -> Result<()> {
+    let above: Vec<String> = figures
+        .iter()
+        .filter_map(|figure| {
+            let limit = figure.limit.filter(|&limit| figure.value > limit)?;
+            Some(format!(
+                "{}: {} {}, above the limit of {}",
+                figure.name,
+                grouped(figure.value),
+                figure.unit,
+                grouped(limit)
+            ))
+        })
+        .collect();
+    ensure!(above.is_empty(), "{}", above.join("\n"));
+    Ok(())
 }
 
 fn accept(path: &Path, figures: &[Figure], compiler: &str) -> Result<()> {
@@ -305,8 +363,7 @@ mod tests {
             name: "plan",
             unit: "instructions",
             value,
-            mean: None,
-            aim: None,
+            ..Figure::default()
         };
         let baseline = json!({ "compiler": "rustc 1", "figures": { "plan": 1000 } });
         check_growth(&baseline, &[figure], compiler)
@@ -334,9 +391,27 @@ mod tests {
             name: "plan",
             unit: "instructions",
             value: 1,
-            mean: None,
-            aim: None,
+            ..Figure::default()
         };
         assert!(check_growth(&baseline, &[figure], "rustc 1").is_err());
+    }
+
+    #[test]
+    fn a_figure_above_its_limit_is_refused() {
+        let figure = |value| Figure {
+            name: "poll",
+            unit: "instructions",
+            value,
+            aim: Some(1),
+            limit: Some(2_000_000),
+            ..Figure::default()
+        };
+        assert!(check_limits(&[figure(1), figure(2_000_000)]).is_ok());
+        let refused = check_limits(&[figure(1), figure(2_000_001)]).unwrap_err();
+        let refused = refused.to_string();
+        assert!(
+            refused.contains("poll: 2,000,001 instructions"),
+            "{refused}"
+        );
     }
 }

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use crate::{
-    elf,
+    elf, order,
     tools::{Compiler, TARGET},
 };
 
@@ -30,9 +30,11 @@ pub(crate) struct BuildArguments {
 pub(crate) struct Images {
     /// The image that flies.
     pub(crate) controller: PathBuf,
-    /// The image that measures.
+    /// The image that measures the parts of a slot.
     pub(crate) bench: PathBuf,
-    /// The policy in both images.
+    /// The image that measures the planner.
+    pub(crate) bench_planner: PathBuf,
+    /// The policy in the images.
     pub(crate) policy: PathBuf,
 }
 
@@ -41,33 +43,38 @@ pub(crate) fn folder(root: &Path) -> PathBuf {
     root.join("target/firmware")
 }
 
-/// Builds both images.
+/// Builds the images.
 pub(crate) fn run(root: &Path, arguments: &BuildArguments) -> Result<Images> {
     let compiler = Compiler::find(root)?;
     let folder = folder(root);
     std::fs::create_dir_all(&folder)?;
     let policy = converted(root, &arguments.policy)?;
+    let planned = folder.join("planned.order");
+    order::write(&planned)?;
     let mut cargo = cargo();
     cargo
         .args(["build", "--release", "--locked"])
         .current_dir(root.join("firmware"))
         .env("CARGO_TARGET_DIR", &folder)
-        .env("FIRMWARE_POLICY", &policy);
+        .env("FIRMWARE_POLICY", &policy)
+        .env("FIRMWARE_ORDER", &planned);
     compiler.prepare(&mut cargo);
     complete(&mut cargo)?;
     let built = folder.join(TARGET).join("release");
     let images = Images {
         controller: built.join("controller"),
         bench: built.join("bench"),
+        bench_planner: built.join("bench_planner"),
         policy,
     };
     let sizes = elf::Sizes::read(&images.controller)?;
     println!(
-        "{}: {} B code, {} B constants, {} B of statics",
+        "{}: {} B code, {} B constants, {} B of statics, {} B of them the planner's",
         images.controller.display(),
         sizes.text,
         sizes.rodata,
-        sizes.data + sizes.bss
+        sizes.data + sizes.bss,
+        sizes.planner
     );
     Ok(images)
 }

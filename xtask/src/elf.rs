@@ -3,7 +3,7 @@
 use std::{fs, path::Path};
 
 use anyhow::{Context, Result, ensure};
-use object::{Object, ObjectSection};
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 /// The sizes of the sections in bytes.
 #[derive(Clone, Copy, Debug, Default)]
@@ -16,6 +16,8 @@ pub(crate) struct Sizes {
     pub(crate) data: u32,
     /// The statics that are initially zero.
     pub(crate) bss: u32,
+    /// The part of `data` and `bss` that is the planner's memory.
+    pub(crate) planner: u32,
 }
 
 impl Sizes {
@@ -39,6 +41,12 @@ impl Sizes {
             }
         }
         ensure!(sizes.text > 0, "no code");
+        for symbol in image.symbols() {
+            // The statics of firmware/src/planner.rs; the names are mangled.
+            if symbol.kind() == SymbolKind::Data && symbol.name()?.contains("PLANNER") {
+                sizes.planner += u32::try_from(symbol.size())?;
+            }
+        }
         Ok(sizes)
     }
 }

@@ -1,5 +1,6 @@
-//! Hardware in the loop: compares a mission whose controller is the image in QEMU with the same
-//! mission on this machine in the same precision. Waypoints and users must be equal, and rates must
+//! Hardware in the loop: compares missions whose controller is the image in QEMU with the same
+//! missions on this machine in the same precision: by the trained policy, by the planner, and by the
+//! planner with changes of the mission in flight. Waypoints and users must be equal, and rates must
 //! agree within [`RATE_TOLERANCE`]; an image with a damaged policy must refuse to fly.
 
 use std::{
@@ -11,6 +12,7 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use scenario::ScenarioChoice;
 use serde_json::Value;
 
 use crate::{
@@ -34,49 +36,78 @@ pub(crate) struct HilArguments {
     more: Vec<String>,
 }
 
-/// Flies both missions and compares them.
+/// Flies the missions and compares them.
 pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let host = host(root, &arguments.build)?;
     refuses_damage(root, &images)?;
     let out = build::folder(root).join("hil");
-    let fly = |name: &str, controller: &[&str]| {
-        let begun = Instant::now();
-        let mut run = Command::new(&host);
-        run.current_dir(root)
-            .args(["run", "--json", "--scenario", &arguments.scenario])
-            .args(controller)
-            .args(&arguments.more)
-            .arg("--out")
-            .arg(out.join(name));
-        let flight = Flight::of(&run.output()?, &out.join(name)).context(name.to_owned())?;
-        println!(
-            "{name}: {} slots, {:.3} bit/s/Hz, {:.1} m from the destination, {:.1} s{}",
-            flight.slots.len(),
-            flight.sum_rate,
-            flight.arrival_distance_m,
-            begun.elapsed().as_secs_f64(),
-            flight.note
-        );
-        anyhow::Ok(flight)
-    };
+    let events = write_events(&out, &arguments.scenario)?;
+    let events = events.display().to_string();
     let policy = images.policy.display().to_string();
-    let own = fly(
-        "in-process",
-        &[
-            "--controller",
-            "in-process",
-            "--precision",
-            "f32",
-            "--policy",
-            &policy,
-        ],
-    )?;
-    let board = Board::start(root, &images.controller, false)?;
-    let there = format!("tcp:127.0.0.1:{}", board.port);
-    let image = fly("image", &["--controller", &there])?;
-    drop(board);
-    compare(&image, &own)
+    let pairs: [(&str, &[&str], &[&str]); 3] = [
+        ("trained", &["--policy", &policy], &[]),
+        ("plan", &["--policy", "plan"], &["--policy", "plan"]),
+        (
+            "plan-with-changes",
+            &["--policy", "plan", "--events", &events],
+            &["--policy", "plan", "--events", &events],
+        ),
+    ];
+    for (name, own, image) in pairs {
+        let fly = |place: &str, controller: &[&str], policy: &[&str]| {
+            let name = format!("{name}, {place}");
+            let out = out.join(name.replace(", ", "-"));
+            let begun = Instant::now();
+            let mut run = Command::new(&host);
+            run.current_dir(root)
+                .args(["run", "--json", "--scenario", &arguments.scenario])
+                .args(controller)
+                .args(policy)
+                .args(&arguments.more)
+                .arg("--out")
+                .arg(&out);
+            let flight = Flight::of(&run.output()?, &out).context(name.clone())?;
+            println!(
+                "{name}: {} slots, {:.3} bit/s/Hz, {:.1} m from the destination, {:.1} s{}",
+                flight.slots.len(),
+                flight.sum_rate,
+                flight.arrival_distance_m,
+                begun.elapsed().as_secs_f64(),
+                flight.note
+            );
+            anyhow::Ok(flight)
+        };
+        let in_process = ["--controller", "in-process", "--precision", "f32"];
+        let own = fly("in-process", &in_process, own)?;
+        let board = Board::start(root, &images.controller, false)?;
+        let there = format!("tcp:127.0.0.1:{}", board.port);
+        let image = fly("image", &["--controller", &there], image)?;
+        drop(board);
+        compare(&image, &own)?;
+    }
+    Ok(())
+}
+
+/// Writes events for a scenario: after a third of the slots the first user moves to the destination,
+/// after two thirds the first sensor leaves. Returns the path of the file.
+pub(crate) fn write_events(folder: &Path, scenario: &str) -> Result<PathBuf> {
+    let chosen = ScenarioChoice::unchanged(scenario.into());
+    let scenario = chosen.load().map_err(anyhow::Error::msg)?;
+    let mission = scenario.mission.parameters();
+    let (slots, to) = (mission.slots, mission.destination);
+    let text = format!(
+        "[[event]]\nslot = {}\nuser = 0\nposition_m = [{:?}, {:?}]\n\n[[event]]\nslot = {}\nsensor = \
+         0\nleaves = true\n",
+        slots / 3 + 1,
+        to.x,
+        to.y,
+        slots * 2 / 3 + 1
+    );
+    fs::create_dir_all(folder)?;
+    let path = folder.join("events.toml");
+    fs::write(&path, text).with_context(|| path.display().to_string())?;
+    Ok(path)
 }
 
 /// Builds the simulator if necessary, and returns its path.

@@ -10,6 +10,8 @@ mod elf;
 mod faults;
 mod flights;
 mod hil;
+mod order;
+mod planner;
 mod qemu;
 mod tools;
 

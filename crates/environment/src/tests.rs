@@ -43,6 +43,14 @@ impl Policy<f64, USERS_MAX> for Replayed {
                 .collect(),
         }
     }
+
+    fn revise(&mut self, _: &firmware_core::mission::MissionChange<f64>, _: u32) {}
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {
+        None
+    }
 }
 
 /// Waypoints, rates and MSE equal those of the controller, bit for bit.

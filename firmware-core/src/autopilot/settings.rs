@@ -223,7 +223,7 @@ impl<T: Scalar> AutopilotSettings<T> {
     ///
     /// # Errors
     /// Returns the first invalid setting.
-    pub(super) fn check(&self) -> Result<(), SettingsError> {
+    pub(crate) fn check(&self) -> Result<(), SettingsError> {
         let positive = [
             ("altitude_m", self.altitude_m),
             ("transit_speed_mps", self.transit_speed_mps),

@@ -12,54 +12,120 @@ use crate::{
     controller::Controller,
     mission::MissionChange,
     onboard::{Onboard, OnboardSettings},
-    policy::{Action, Observation, Policy, StraightLine, mlp::Mlp},
+    planner::{Capacity, Memory, OperationsInFlight, Planner, PlannerError},
+    policy::{Action, Observation, PlanQuality, Policy, StraightLine, mlp::Mlp},
 };
 
 /// A mission in the board's precision.
 pub type BoardMission = Mission<f32, USERS_MAX, SENSORS_MAX>;
 
-/// The onboard computer of a board with its policy in flash.
-pub type BoardComputer<B> = Onboard<f32, BoardPolicy<B>, USERS_MAX, SENSORS_MAX>;
+/// The onboard computer of a board with its policy in flash, `B`, and its planner, `P`.
+pub type BoardComputer<B, P> = Onboard<f32, BoardPolicy<B, P>, USERS_MAX, SENSORS_MAX>;
+
+/// The planner of a board, with the memory `S`.
+pub type BoardPlanner<S> = Planner<f32, S, USERS_MAX, SENSORS_MAX>;
+
+/// The capacity of a board's planner: missions of up to 150 slots, and any number of users.
+pub const PLANNER_CAPACITY: Capacity = Capacity {
+    slots: 150,
+    users: USERS_MAX,
+    ..Capacity::new(24, USERS_MAX)
+};
+
+/// The numbers that a board's planner needs as its memory.
+pub type PlannerNumbers = [f32; PLANNER_CAPACITY.values()];
+
+/// The bytes that a board's planner needs beside [`PlannerNumbers`].
+pub type PlannerBytes = [u8; PLANNER_CAPACITY.indices()];
+
+/// The operations that a board's planner may spend in one [`poll`](Onboard::poll): less than 2 x
+/// 10^6 instructions of a Cortex-M7 together with the last step, which may exceed it.
+pub const PLANNER_OPERATIONS_PER_POLL: u64 = 100_000;
+
+/// The operations that a board's planner spends in all: on the first plan before take-off, on a new
+/// plan after a change, and in each slot on correcting the plan for the vehicle's position.
+const PLANNER_OPERATIONS: OperationsInFlight = OperationsInFlight {
+    first_plan: 120_000_000,
+    per_change: 25_000_000,
+    per_correction: 10_000_000,
+};
+
+/// Creates the planner of a board, in `place`. It has the straight line as its plan, and improves it
+/// in the [polls](Onboard::poll) before take-off.
+///
+/// # Errors
+/// Returns an error if the mission exceeds [`PLANNER_CAPACITY`], or if the memory is too small.
+pub fn board_planner<'p, S: Memory<f32>>(
+    place: &'p mut Option<BoardPlanner<S>>,
+    mission: &BoardMission,
+    memory: S,
+) -> Result<&'p mut BoardPlanner<S>, PlannerError> {
+    let planner = Planner::new_in(place, mission, PLANNER_CAPACITY, memory)?;
+    planner.set_operations_in_flight(&PLANNER_OPERATIONS);
+    Ok(planner)
+}
 
 /// The policies of a board.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)] // no allocator
-pub enum BoardPolicy<B> {
+pub enum BoardPolicy<B, P> {
     /// A trained policy in flash.
     Trained(Mlp<B>),
     /// The rule-based policy.
     StraightLine(StraightLine<f32, USERS_MAX>),
+    /// The planner, or a reference to it: see [`board_planner`].
+    Plan(P),
 }
 
-impl<B: AsRef<[u8]>> Policy<f32, USERS_MAX> for BoardPolicy<B> {
-    fn decide(&mut self, observation: &Observation<'_, f32>) -> Action<f32, USERS_MAX> {
-        match self {
-            Self::Trained(policy) => policy.decide(observation),
-            Self::StraightLine(policy) => policy.decide(observation),
-        }
-    }
-
-    /// A trained policy cannot use a change.
-    fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
-        match self {
-            Self::Trained(policy) => Policy::<f32, USERS_MAX>::revise(policy, change, slots_begun),
-            Self::StraightLine(policy) => policy.revise(change, slots_begun),
-        }
-    }
-}
-
-impl<B: AsRef<[u8]>> BoardPolicy<B> {
-    /// Returns the digest of the mission that the policy was trained for, or `None` if it is a rule.
+impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> BoardPolicy<B, P> {
+    /// Returns the digest of the mission that the policy was trained for, or `None` if it was not
+    /// trained.
     pub fn scenario_digest(&self) -> Option<&String<64>> {
         match self {
             Self::Trained(policy) => Some(&policy.provenance().scenario_digest),
-            Self::StraightLine(_) => None,
+            Self::StraightLine(_) | Self::Plan(_) => None,
         }
+    }
+
+    fn chosen(&self) -> &dyn Policy<f32, USERS_MAX> {
+        match self {
+            Self::Trained(policy) => policy,
+            Self::StraightLine(policy) => policy,
+            Self::Plan(planner) => planner,
+        }
+    }
+
+    fn chosen_mut(&mut self) -> &mut dyn Policy<f32, USERS_MAX> {
+        match self {
+            Self::Trained(policy) => policy,
+            Self::StraightLine(policy) => policy,
+            Self::Plan(planner) => planner,
+        }
+    }
+}
+
+impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> Policy<f32, USERS_MAX> for BoardPolicy<B, P> {
+    fn decide(&mut self, observation: &Observation<'_, f32>) -> Action<f32, USERS_MAX> {
+        self.chosen_mut().decide(observation)
+    }
+
+    fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
+        self.chosen_mut().revise(change, slots_begun);
+    }
+
+    fn improve(&mut self, operations: u64) {
+        self.chosen_mut().improve(operations);
+    }
+
+    fn quality(&self) -> Option<PlanQuality> {
+        self.chosen().quality()
     }
 }
 
 /// Returns the report of a board whose order was accepted.
-pub fn ready<B: AsRef<[u8]>>(computer: &BoardComputer<B>) -> BoardReport {
+pub fn ready<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>>(
+    computer: &BoardComputer<B, P>,
+) -> BoardReport {
     let policy = computer.controller().policy();
     BoardReport::Ready {
         scenario_digest: policy.scenario_digest().cloned(),
@@ -67,27 +133,10 @@ pub fn ready<B: AsRef<[u8]>>(computer: &BoardComputer<B>) -> BoardReport {
 }
 
 impl MissionOrder {
-    /// Creates the onboard computer that flies this order; `trained` is the policy of the board, if
-    /// it has one.
-    ///
-    /// # Errors
-    /// Returns an error if the mission is invalid, if the policy is for another mission, or if the
-    /// autopilot settings are invalid.
-    pub fn build<B: AsRef<[u8]> + Clone>(
-        &self,
-        trained: Option<&Mlp<B>>,
-    ) -> Result<BoardComputer<B>, OrderError> {
-        let mission = BoardMission::new(self.mission.clone())?;
-        let policy = match self.policy_kind {
-            PolicyKind::Trained => {
-                let trained = trained.ok_or(OrderError::NoPolicy)?;
-                trained.provenance().check(&mission)?;
-                BoardPolicy::Trained(trained.clone())
-            }
-            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
-        };
+    /// Returns the settings of the autopilot client.
+    fn flight(&self) -> AutopilotSettings<f32> {
         let p = &self.mission;
-        let flight = AutopilotSettings {
+        AutopilotSettings {
             limits: self.limits,
             geofence: self.geofence,
             watch: Watch {
@@ -96,13 +145,47 @@ impl MissionOrder {
             },
             preflight: Preflight::of(p),
             ..AutopilotSettings::new(self.map_origin, p.start, p.altitude_m, p.max_speed_mps)
+        }
+    }
+
+    /// Checks mission and autopilot settings, all that may be refused beside the policy, and returns
+    /// the mission, for which a [`board_planner`] can then be created.
+    ///
+    /// # Errors
+    /// Returns an error if the mission or the autopilot settings are invalid.
+    pub fn check(&self) -> Result<BoardMission, OrderError> {
+        self.flight().check()?;
+        Ok(BoardMission::new(self.mission.clone())?)
+    }
+
+    /// Creates the onboard computer that flies this order. `trained` is the policy of the board, if
+    /// it has one, and `planner` its planner for the mission, which is used where the order asks for
+    /// [`PolicyKind::Plan`].
+    ///
+    /// # Errors
+    /// Returns an error if the mission is invalid, if there is no such policy, if the policy is for
+    /// another mission, or if the autopilot settings are invalid.
+    pub fn build<B: AsRef<[u8]> + Clone, P: Policy<f32, USERS_MAX>>(
+        &self,
+        trained: Option<&Mlp<B>>,
+        planner: Option<P>,
+    ) -> Result<BoardComputer<B, P>, OrderError> {
+        let mission = BoardMission::new(self.mission.clone())?;
+        let policy = match self.policy_kind {
+            PolicyKind::Trained => {
+                let trained = trained.ok_or(OrderError::NoPolicy)?;
+                trained.provenance().check(&mission)?;
+                BoardPolicy::Trained(trained.clone())
+            }
+            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
+            PolicyKind::Plan => BoardPolicy::Plan(planner.ok_or(OrderError::NoPlanner)?),
         };
-        let autopilot = Autopilot::new(flight)?;
+        let autopilot = Autopilot::new(self.flight())?;
         let controller = Controller::new(mission, policy);
-        Ok(Onboard::new(
-            OnboardSettings::default(),
-            controller,
-            autopilot,
-        ))
+        let settings = OnboardSettings {
+            planning_operations: PLANNER_OPERATIONS_PER_POLL,
+            ..OnboardSettings::default()
+        };
+        Ok(Onboard::new(settings, controller, autopilot))
     }
 }

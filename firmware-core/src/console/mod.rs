@@ -25,7 +25,10 @@ mod board;
 mod order;
 mod protocol;
 
-pub use board::{BoardComputer, BoardMission, BoardPolicy, ready};
+pub use board::{
+    BoardComputer, BoardMission, BoardPlanner, BoardPolicy, PLANNER_CAPACITY,
+    PLANNER_OPERATIONS_PER_POLL, PlannerBytes, PlannerNumbers, board_planner, ready,
+};
 pub use order::{Clock, MissionOrder, OrderError, PolicyKind, in_single_precision, slot_patience};
 pub use protocol::{
     BoardReport, CONSOLE_FRAME_MAX, CONSOLE_VERSION, Call, Calls, Cost, Footprint,

@@ -7,6 +7,7 @@ use crate::{
     autopilot::{Geofence, SettingsError, frames::Geodetic},
     limits::MotionLimits,
     mission::{MissionError, MissionParameters},
+    planner::PlannerError,
     policy::PolicyMismatch,
     scalar::{Position, Scalar},
     time::Duration,
@@ -19,6 +20,8 @@ pub enum PolicyKind {
     Trained,
     /// Straight to the destination, serving the nearest user.
     StraightLine,
+    /// The plan that the board makes before take-off, and revises after changes.
+    Plan,
 }
 
 /// The clock that a board uses.
@@ -58,6 +61,12 @@ pub enum OrderError {
     /// The trained policy is for another mission.
     #[error(transparent)]
     Policy(#[from] PolicyMismatch),
+    /// The board's planner cannot plan the mission.
+    #[error("planner: {0}")]
+    Planner(#[from] PlannerError),
+    /// The board has no planner.
+    #[error("the board has no planner")]
+    NoPlanner,
     /// The board has no trained policy.
     #[error("the board has no trained policy")]
     NoPolicy,

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The version of the console's messages. Any change of a message needs a new version.
-pub const CONSOLE_VERSION: u8 = 130;
+pub const CONSOLE_VERSION: u8 = 131;
 
 /// The length of the longest frame: an order with the largest number of users and sensors.
 pub const CONSOLE_FRAME_MAX: usize = 832;
@@ -213,6 +213,6 @@ mod tests {
         });
         let mut buffer = [0; 32];
         let frame = encode_call(&tick, &mut buffer).expect("fits");
-        assert_eq!(frame[..8], [0, 11, 130, 1, 172, 2, 1, 2]);
+        assert_eq!(frame[..8], [0, 11, 131, 1, 172, 2, 1, 2]);
     }
 }

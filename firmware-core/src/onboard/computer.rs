@@ -19,8 +19,8 @@ pub struct OnboardSettings {
     pub channel_patience: Duration,
     /// The time without an answer after which the arrival is sent again.
     pub arrival_interval: Duration,
-    /// The operations that the policy may spend on a better plan in a [`poll`](Onboard::poll) on
-    /// the way to a waypoint, after a change of the mission.
+    /// The operations that the policy may spend on a better plan in a [`poll`](Onboard::poll)
+    /// before slot 1, and on the way to a waypoint after a change of the mission.
     pub planning_operations: u64,
 }
 
@@ -50,6 +50,8 @@ pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SE
     pub(super) controller: Controller<T, P, M, J>,
     pub(super) autopilot: Autopilot<T>,
     pub(super) stage: Stage,
+    /// The flight starts as soon as the first plan is made.
+    is_launch_due: bool,
     pub(super) fault: Option<Fault>,
     pub(super) measuring: Option<Measuring<T>>,
     /// `t_0`, when slot 1 began, on the vehicle's clock.
@@ -86,6 +88,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             mavlink_out: wire::Encoder::new(autopilot.own()),
             autopilot,
             stage: Stage::Preparing,
+            is_launch_due: false,
             fault: None,
             measuring: None,
             began: None,
@@ -123,6 +126,22 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     /// Returns the MAVLink client, to launch, to stop and to take its events.
     pub fn autopilot_mut(&mut self) -> &mut Autopilot<T> {
         &mut self.autopilot
+    }
+
+    /// Starts the flight: at once, or as soon as the policy's first plan is made. The operations of
+    /// [`OnboardSettings::planning_operations`] are spent on it in each [`poll`](Self::poll).
+    pub fn launch(&mut self, now: Instant) {
+        self.is_launch_due = true;
+        self.launch_if_planned(now);
+    }
+
+    pub(super) fn launch_if_planned(&mut self, now: Instant) {
+        let quality = self.controller.policy().quality();
+        let is_planning = quality.is_some_and(|quality| quality.is_replanning);
+        if self.is_launch_due && !is_planning {
+            self.is_launch_due = false;
+            self.autopilot.launch(now);
+        }
     }
 
     /// Returns the counters of everything that was received, dropped or missing.

@@ -56,6 +56,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
                 let measured = self.autopilot.position();
                 self.begin_slot(now, measured.map(|sample| sample.position), probe);
             }
+            Stage::Preparing => {
+                let operations = self.settings.planning_operations;
+                self.controller.improve_plan(operations);
+                self.launch_if_planned(now);
+            }
             Stage::Flying => {
                 if let Some(end) = self.autopilot.leg_ended(now) {
                     self.end_leg(now, &end);

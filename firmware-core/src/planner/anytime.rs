@@ -3,6 +3,7 @@
 use heapless::Vec;
 
 use super::{
+    PlannerError,
     memory::{Capacity, Memory, Parts},
     route::Route,
     search::Search,
@@ -16,31 +17,6 @@ use crate::{
     shield::reduce_to,
 };
 
-/// Error returned when a planner cannot be created for a mission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PlannerError {
-    /// The mission exceeds the capacity.
-    #[error("the mission has {got} {what}, but the planner holds at most {capacity}")]
-    TooLarge {
-        /// `slots` or `users`.
-        what: &'static str,
-        /// How many the mission has.
-        got: usize,
-        /// The capacity of the planner.
-        capacity: usize,
-    },
-    /// The memory is smaller than the capacity needs.
-    #[error("the planner needs {needed} {what} of memory, but was given {got}")]
-    TooLittleMemory {
-        /// `numbers` or `bytes`.
-        what: &'static str,
-        /// How many the capacity needs.
-        needed: usize,
-        /// How many there are.
-        got: usize,
-    },
-}
-
 /// The result of a call of [`Planner::advance`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
@@ -48,6 +24,18 @@ pub struct Progress {
     pub operations: u64,
     /// Whether nothing is left to do: more calls change nothing.
     pub finished: bool,
+}
+
+/// The operations that a planner may spend between decisions, in [`Policy::improve`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OperationsInFlight {
+    /// On the first plan.
+    pub first_plan: u64,
+    /// On the plan after a change.
+    pub per_change: u64,
+    /// On the plan after each decision, which was corrected for the vehicle's position: the next
+    /// decision profits.
+    pub per_correction: u64,
 }
 
 /// The state of a mission from which the rest is planned.
@@ -81,8 +69,15 @@ pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
     reach_m: T,
     /// Operations that [`Policy::decide`] may spend.
     operations_per_slot: u64,
-    /// A change was made, and the search that it started has not ended.
-    is_replanning: bool,
+    /// Operations that [`Policy::improve`] may spend after a change.
+    operations_per_change: u64,
+    /// Operations that [`Policy::improve`] may spend after a decision.
+    operations_per_correction: u64,
+    /// Operations that [`Policy::improve`] may still spend on a plan; 0 where nothing is to be
+    /// planned.
+    operations_left: u64,
+    /// The same on correcting the plan for where the vehicle was at the last decision.
+    correction_left: u64,
 }
 
 impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J> {
@@ -97,23 +92,37 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         capacity: Capacity,
         memory: S,
     ) -> Result<Self, PlannerError> {
-        let mut capacity = capacity;
+        let mut planner = Self::without_plan(mission, capacity, memory)?;
+        planner.begin(&[], mission.parameters().start, false);
+        Ok(planner)
+    }
+
+    /// As [`new`](Self::new), for a planner that stays in `place`: less of the stack is used.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); `place` is then unchanged.
+    pub fn new_in<'p>(
+        place: &'p mut Option<Self>,
+        mission: &Mission<T, M, J>,
+        capacity: Capacity,
+        memory: S,
+    ) -> Result<&'p mut Self, PlannerError> {
+        let planner = place.insert(Self::without_plan(mission, capacity, memory)?);
+        planner.begin(&[], mission.parameters().start, false);
+        Ok(planner)
+    }
+
+    /// Creates a planner whose memory holds no plan yet.
+    #[inline(always)]
+    fn without_plan(
+        mission: &Mission<T, M, J>,
+        mut capacity: Capacity,
+        mut memory: S,
+    ) -> Result<Self, PlannerError> {
         capacity.nodes = capacity.nodes.max(4);
         capacity.stages = capacity.stages.max(1);
-        let start = mission.parameters().start;
-        let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
-        let route = Route::new(mission, start, slots, reach_m);
-        let mut planner = Self {
-            search: Search::new(mission, capacity, PlannerSettings::default(), route),
-            memory,
-            slot: 1,
-            counts: Vec::new(),
-            reach_m,
-            operations_per_slot: 0,
-            is_replanning: false,
-        };
-        planner.check(mission)?;
-        let (values, bytes) = planner.memory.parts();
+        capacity.check(mission)?;
+        let (values, bytes) = memory.parts();
         for (what, needed, got) in [
             ("numbers", capacity.values(), values.len()),
             ("bytes", capacity.indices(), bytes.len()),
@@ -122,8 +131,21 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
                 return Err(PlannerError::TooLittleMemory { what, needed, got });
             }
         }
-        planner.begin(&[], start, false);
-        Ok(planner)
+        let start = mission.parameters().start;
+        let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
+        let route = Route::new(mission, start, slots, reach_m);
+        Ok(Self {
+            search: Search::new(mission, capacity, PlannerSettings::default(), route),
+            memory,
+            slot: 1,
+            counts: Vec::new(),
+            reach_m,
+            operations_per_slot: 0,
+            operations_per_change: u64::MAX,
+            operations_per_correction: 0,
+            operations_left: 0,
+            correction_left: 0,
+        })
     }
 
     /// Sets the planner's settings.
@@ -138,22 +160,13 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         self
     }
 
-    fn check(&self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
-        let capacity = &self.search.capacity;
-        for (what, got, capacity) in [
-            ("slots", mission.slots() as usize, capacity.slots),
-            // Users are stored as bytes.
-            ("users", mission.user_count(), capacity.users.min(256)),
-        ] {
-            if got > capacity {
-                return Err(PlannerError::TooLarge {
-                    what,
-                    got,
-                    capacity,
-                });
-            }
-        }
-        Ok(())
+    /// Sets how many operations [`Policy::improve`] may spend in all. Without this call it spends
+    /// none on the first plan, which is then left to [`advance`](Self::advance), any number after a
+    /// change, and none after a decision.
+    pub fn set_operations_in_flight(&mut self, operations: &OperationsInFlight) {
+        self.operations_left = operations.first_plan;
+        self.operations_per_change = operations.per_change;
+        self.operations_per_correction = operations.per_correction;
     }
 
     /// Returns the mission that is planned.
@@ -194,7 +207,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
     /// # Errors
     /// Returns an error if the mission exceeds the capacity; the old mission is kept.
     pub fn change_mission(&mut self, mission: &Mission<T, M, J>) -> Result<(), PlannerError> {
-        self.check(mission)?;
+        self.search.capacity.check(mission)?;
         let kept = mission.slots() == self.search.mission.slots();
         self.search.replace_mission(mission);
         self.reach_m = self.reach_m.min(mission.reach_m());
@@ -338,6 +351,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
                 counts: observation.counts,
                 reach_m: self.reach_m,
             });
+            self.correction_left = self.operations_per_correction;
         }
         self.advance(self.operations_per_slot);
         let here = observation.position;
@@ -361,15 +375,26 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
     /// to the shield.
     fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
         let mut mission = self.mission().clone();
-        if mission.change(change, slots_begun).is_ok() {
-            self.is_replanning |= self.change_mission(&mission).is_ok();
+        if mission.change(change, slots_begun).is_ok() && self.change_mission(&mission).is_ok() {
+            self.operations_left = self.operations_left.max(self.operations_per_change);
         }
     }
 
-    /// Goes on with the search that a change has started.
+    /// Goes on with the search for the first plan, with the one that a change has started, or with
+    /// the correction after a decision. The value of the rest of the plan is computed in any case.
     fn improve(&mut self, operations: u64) {
-        if self.is_replanning {
-            self.is_replanning = !self.advance(operations).finished;
+        let mut spent = 0;
+        while spent < operations && self.search.best_total.is_none() && !self.search.is_done() {
+            spent += self.advance(1).operations;
+        }
+        let limit = self.operations_left.max(self.correction_left);
+        let progress = self.advance(operations.min(limit).saturating_sub(spent));
+        for left in [&mut self.operations_left, &mut self.correction_left] {
+            *left = if progress.finished {
+                0
+            } else {
+                left.saturating_sub(spent + progress.operations)
+            };
         }
     }
 
@@ -378,7 +403,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
         Some(PlanQuality {
             value: number(self.value()),
             upper_estimate: self.upper_estimate().map_or(0.0, number),
-            is_replanning: self.is_replanning,
+            is_replanning: self.operations_left > 0,
         })
     }
 }

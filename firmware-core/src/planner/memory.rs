@@ -1,5 +1,32 @@
 //! The planner's memory, which the caller provides.
 
+use crate::{mission::Mission, scalar::Scalar};
+
+/// Error returned when a planner cannot be created for a mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlannerError {
+    /// The mission exceeds the capacity.
+    #[error("the mission has {got} {what}, but the planner holds at most {capacity}")]
+    TooLarge {
+        /// `slots` or `users`.
+        what: &'static str,
+        /// How many the mission has.
+        got: usize,
+        /// The capacity of the planner.
+        capacity: usize,
+    },
+    /// The memory is smaller than the capacity needs.
+    #[error("the planner needs {needed} {what} of memory, but was given {got}")]
+    TooLittleMemory {
+        /// `numbers` or `bytes`.
+        what: &'static str,
+        /// How many the capacity needs.
+        needed: usize,
+        /// How many there are.
+        got: usize,
+    },
+}
+
 /// How large a mission may be, and how fine the planner works.
 ///
 /// ```
@@ -39,6 +66,30 @@ impl Capacity {
             nodes: 25 * 25,
             stages: if stages < 1 { 1 } else { stages },
         }
+    }
+
+    /// Checks whether a mission fits.
+    ///
+    /// # Errors
+    /// Returns an error if the mission has more slots or users than the capacity.
+    pub fn check<T: Scalar, const M: usize, const J: usize>(
+        &self,
+        mission: &Mission<T, M, J>,
+    ) -> Result<(), PlannerError> {
+        for (what, got, capacity) in [
+            ("slots", mission.slots() as usize, self.slots),
+            // Users are stored as bytes.
+            ("users", mission.user_count(), self.users.min(256)),
+        ] {
+            if got > capacity {
+                return Err(PlannerError::TooLarge {
+                    what,
+                    got,
+                    capacity,
+                });
+            }
+        }
+        Ok(())
     }
 
     /// Returns how many numbers the planner needs.

@@ -63,6 +63,6 @@ mod service;
 mod settings;
 mod stages;
 
-pub use anytime::{Planner, PlannerError, PlannerState, Progress};
-pub use memory::{Capacity, Memory};
+pub use anytime::{OperationsInFlight, Planner, PlannerState, Progress};
+pub use memory::{Capacity, Memory, PlannerError};
 pub use settings::PlannerSettings;

@@ -82,11 +82,14 @@ pub struct PlanQuality {
     pub value: f32,
     /// An estimate of the largest value that any plan can have, bit/s/Hz; 0 where there is none.
     pub upper_estimate: f32,
-    /// Whether the plan is being improved after a change.
+    /// Whether the plan is being improved: before the flight, or after a change.
     pub is_replanning: bool,
 }
 
 /// A rule that decides every slot of a mission.
+///
+/// No method has a default: a policy that wraps another one and forgets to pass a call on would
+/// compile, and the plan would not be revised after a change.
 pub trait Policy<T: Scalar, const M: usize> {
     /// Returns the action for the slot that the observation names.
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M>;
@@ -95,19 +98,14 @@ pub trait Policy<T: Scalar, const M: usize> {
     /// under way. A policy that cannot
     /// use it decides as before, without a score for users that joined; the shield sees to what
     /// must be.
-    fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
-        let _ = (change, slots_begun);
-    }
+    fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32);
 
-    /// Spends about `operations` on a better plan, if one is wanted, between two decisions.
-    fn improve(&mut self, operations: u64) {
-        let _ = operations;
-    }
+    /// Spends about `operations` on a better plan, if one is wanted, between two decisions. Does
+    /// nothing in a policy without a plan.
+    fn improve(&mut self, operations: u64);
 
     /// Returns the quality of the plan, if the policy has one.
-    fn quality(&self) -> Option<PlanQuality> {
-        None
-    }
+    fn quality(&self) -> Option<PlanQuality>;
 }
 
 impl<T: Scalar, const M: usize, P: Policy<T, M> + ?Sized> Policy<T, M> for &mut P {

@@ -21,8 +21,10 @@ use heapless::Vec;
 use tract_onnx::prelude::*;
 
 use super::{
-    Action, Observation, Policy, Provenance, REQUIRED_METADATA, mlp::SELF_TEST_TOLERANCE, state_len,
+    Action, Observation, PlanQuality, Policy, Provenance, REQUIRED_METADATA,
+    mlp::SELF_TEST_TOLERANCE, state_len,
 };
+use crate::mission::MissionChange;
 use crate::scalar::{Displacement, Scalar};
 
 /// The version of the contract that this crate reads.
@@ -243,6 +245,15 @@ impl<T: Scalar, const M: usize> Policy<T, M> for OnnxPolicy {
             action.user_scores = scores.map(|&score| T::of(score.into())).collect();
         }
         action
+    }
+
+    /// A trained policy cannot use a change.
+    fn revise(&mut self, _: &MissionChange<T>, _: u32) {}
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<PlanQuality> {
+        None
     }
 }
 

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::{Action, Observation, Policy};
+use super::{Action, Observation, PlanQuality, Policy};
 use crate::{
     mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
@@ -44,6 +44,12 @@ impl<T: Scalar, const M: usize> Policy<T, M> for StraightLine<T, M> {
             MissionChange::Slots(slots) => self.slots = slots,
             _ => move_user(&mut self.users, change),
         }
+    }
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<PlanQuality> {
+        None
     }
 }
 
@@ -88,6 +94,12 @@ impl<T: Scalar, const M: usize> Policy<T, M> for FixedPosition<T, M> {
 
     fn revise(&mut self, change: &MissionChange<T>, _: u32) {
         move_user(&mut self.users, change);
+    }
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<PlanQuality> {
+        None
     }
 }
 

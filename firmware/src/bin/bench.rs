@@ -27,8 +27,8 @@ use firmware_core::{
     console::BoardMission,
     controller::{ChannelState, Controller},
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
-    mission::{Area, Environment, ExcessLoss, MissionParameters},
-    policy::{Action, Observation, Policy, mlp::Mlp},
+    mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters},
+    policy::{Action, Observation, PlanQuality, Policy, mlp::Mlp},
     time::Instant,
 };
 use mavlink::dialects::common::{
@@ -152,6 +152,18 @@ impl Policy<f32, USERS_MAX> for Measured<'_> {
         self.cycles
             .set([decided.wrapping_sub(begun), drawn.wrapping_sub(decided)]);
         action
+    }
+
+    fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
+        Policy::<f32, USERS_MAX>::revise(&mut self.trained, change, slots_begun);
+    }
+
+    fn improve(&mut self, operations: u64) {
+        Policy::<f32, USERS_MAX>::improve(&mut self.trained, operations);
+    }
+
+    fn quality(&self) -> Option<PlanQuality> {
+        Policy::<f32, USERS_MAX>::quality(&self.trained)
     }
 }
 

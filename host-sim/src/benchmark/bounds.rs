@@ -8,7 +8,7 @@ use planning::bound;
 use scenario::Scenario;
 
 /// The name of the file.
-const FILE_NAME: &str = "bounds.csv";
+pub const FILE_NAME: &str = "bounds.csv";
 
 /// The certified bound of one mission.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,6 +23,25 @@ pub struct BoundRecord {
     pub lower: f64,
     /// `(upper - lower) / upper`.
     pub gap: f64,
+}
+
+impl BoundRecord {
+    /// Returns what this record and another one of the same mission prove together.
+    pub fn tighter(self, other: &Self) -> Self {
+        let (upper, lower) = (self.upper.min(other.upper), self.lower.max(other.lower));
+        // Rounding may put the bounds of a mission that carries nothing in the wrong order.
+        let gap = if self.gap == 0.0 {
+            0.0
+        } else {
+            (upper - lower) / upper
+        };
+        Self {
+            upper,
+            lower,
+            gap,
+            ..self
+        }
+    }
 }
 
 /// The bounds of a set of missions.
@@ -63,6 +82,16 @@ impl Bounds {
         writer
             .flush()
             .map_err(|error| format!("{}: {error}", path.display()))
+    }
+
+    /// Returns the number of bounds.
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Returns whether there are no bounds.
+    pub fn is_empty(&self) -> bool {
+        self.records.is_empty()
     }
 
     /// Returns the bound of the mission with this digest.

@@ -25,7 +25,7 @@ use firmware_core::Position;
 use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle};
 
-pub use bounds::{BoundRecord, Bounds};
+pub use bounds::{BoundRecord, Bounds, FILE_NAME as BOUNDS_FILE};
 pub use changes::{ChangeFlight, ChangeMission, ChangeStatistics, change_missions};
 pub use statistics::{PolicyStatistics, statistics};
 

@@ -1,5 +1,7 @@
 //! The statistics of a policy over all missions.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use super::{Bounds, COUNTED_GAP, Flown};
@@ -23,6 +25,9 @@ pub struct PolicyStatistics {
     pub worst: f64,
     /// The mission with the smallest fraction.
     pub worst_mission: String,
+    /// The mean fraction of the reference policy over the same missions; NaN if it did not fly them
+    /// all.
+    pub reference_mean: f64,
     /// The number of violated constraints over all flown missions.
     pub violations: usize,
     /// The number of slots less accurate than `Gamma` over all flown missions.
@@ -35,18 +40,39 @@ pub struct PolicyStatistics {
     pub decision_median_us: f64,
 }
 
-/// Returns the statistics of `policy` over its flights; NaN if no mission counts.
-pub fn statistics(policy: &str, flights: &[Flown], bounds: &Bounds) -> PolicyStatistics {
-    let own = || flights.iter().filter(|flown| flown.policy == policy);
-    let flown = || own().filter(|flown| !flown.sum_rate.is_nan());
+/// Returns the flights of a policy on missions that it fits.
+fn flown_by<'a>(policy: &'a str, flights: &'a [Flown]) -> impl Iterator<Item = &'a Flown> {
+    let fits = move |flown: &&Flown| flown.policy == policy && !flown.sum_rate.is_nan();
+    flights.iter().filter(fits)
+}
+
+/// Returns the fraction of the certified upper bound that a flight reached, if its mission counts.
+fn share(flown: &Flown, bounds: &Bounds) -> Option<f64> {
+    let bound = bounds.of(&flown.digest)?;
+    let counts = bound.gap <= COUNTED_GAP && bound.upper > 0.0;
+    counts.then(|| flown.sum_rate / bound.upper)
+}
+
+/// Returns the statistics of `policy` over its flights, with the mean of the policy `reference` over
+/// the same missions; NaN if no mission counts.
+pub fn statistics(
+    policy: &str,
+    reference: &str,
+    flights: &[Flown],
+    bounds: &Bounds,
+) -> PolicyStatistics {
+    let flown = || flown_by(policy, flights);
     let mut shares: Vec<(f64, &str)> = flown()
-        .filter_map(|flown| {
-            let bound = bounds.of(&flown.digest)?;
-            let counts = bound.gap <= COUNTED_GAP && bound.upper > 0.0;
-            counts.then(|| (flown.sum_rate / bound.upper, flown.mission.as_str()))
-        })
+        .filter_map(|flown| Some((share(flown, bounds)?, flown.mission.as_str())))
         .collect();
     shares.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let of_reference: BTreeMap<&str, f64> = flown_by(reference, flights)
+        .filter_map(|flown| Some((flown.mission.as_str(), share(flown, bounds)?)))
+        .collect();
+    let reference_sum: Option<f64> = shares
+        .iter()
+        .map(|(_, mission)| of_reference.get(mission))
+        .sum();
     let sorted = |value: fn(&Flown) -> f64| {
         let mut values: Vec<f64> = flown().map(value).collect();
         values.sort_by(f64::total_cmp);
@@ -61,12 +87,17 @@ pub fn statistics(policy: &str, flights: &[Flown], bounds: &Bounds) -> PolicySta
     PolicyStatistics {
         policy: policy.into(),
         flown: flown().count(),
-        refused: own().count() - flown().count(),
+        refused: flights
+            .iter()
+            .filter(|flown| flown.policy == policy)
+            .count()
+            - flown().count(),
         counted: shares.len(),
         mean: sum / shares.len() as f64,
         quantile_5: at(rank.saturating_sub(1)),
         worst: at(0),
         worst_mission: shares.first().map_or("", |(_, name)| name).into(),
+        reference_mean: reference_sum.map_or(f64::NAN, |sum| sum / shares.len() as f64),
         violations: flown().map(|flown| flown.violations).sum(),
         inaccurate_slots: flown().map(|flown| flown.inaccurate_slots).sum(),
         preparation_median_s: median(&preparation),
@@ -112,7 +143,21 @@ mod tests {
             let sum_rate = if index == 41 { f64::NAN } else { 10.0 * share };
             flights.push(flown(index, sum_rate));
         }
-        let found = statistics("plan", &flights, &bounds);
+        // Another policy flew the ten missions with the smallest fractions, and half as well.
+        for index in 30..40 {
+            let mut half = flights[index].clone();
+            half.policy = "half".into();
+            half.sum_rate /= 2.0;
+            flights.push(half);
+        }
+        let found = statistics("plan", "half", &flights, &bounds);
+        assert!(found.reference_mean.is_nan(), "half flew only ten");
+        let half = statistics("half", "plan", &flights, &bounds);
+        assert_eq!((half.flown, half.counted), (10, 10));
+        assert!((half.reference_mean - 0.655).abs() < 1e-12);
+        assert!((half.mean - 0.3275).abs() < 1e-12);
+        let found_alone = statistics("plan", "plan", &flights, &bounds);
+        assert_eq!(found_alone.reference_mean, found_alone.mean);
         assert_eq!((found.flown, found.refused, found.counted), (41, 1, 40));
         assert!((found.mean - 0.805).abs() < 1e-12);
         assert!((found.quantile_5 - 0.62).abs() < 1e-12);
@@ -121,6 +166,6 @@ mod tests {
             (found.worst_mission.as_str(), found.violations),
             ("m39", 20)
         );
-        assert_eq!(statistics("fixed", &flights, &bounds).counted, 0);
+        assert_eq!(statistics("fixed", "plan", &flights, &bounds).counted, 0);
     }
 }

@@ -27,8 +27,8 @@ use super::{Failure, terminal};
 /// The options of `host-sim benchmark`.
 #[derive(Debug, Args)]
 pub(crate) struct BenchmarkArguments {
-    /// A policy to fly, as in host-sim run; may be given several times [default: plan and
-    /// straight-line]
+    /// A policy to fly, as in host-sim run; may be given several times. A directory of .onnx files
+    /// flies on each mission the policy that was trained for it [default: plan and straight-line]
     #[arg(long)]
     policy: Vec<PolicyChoice>,
     /// Directory that contains the scenarios and bounds.csv
@@ -37,6 +37,9 @@ pub(crate) struct BenchmarkArguments {
     /// The vehicle profile: ideal, multirotor, arducopter or px4
     #[arg(long, default_value = "ideal", value_parser = Profile::from_str)]
     profile: Profile,
+    /// Fly only the first N missions, in the order of their names
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    first: Option<u64>,
     /// Number of missions that are flown in parallel; measured times are comparable only with 1
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=256))]
     jobs: u64,
@@ -46,6 +49,10 @@ pub(crate) struct BenchmarkArguments {
     /// Compute the bounds that are missing in bounds.csv, without flying
     #[arg(long)]
     certify: bool,
+    /// With --certify, also compute again the bounds whose relative gap is above this value; the
+    /// larger lower bound and the smaller upper bound are stored
+    #[arg(long, value_name = "GAP", requires = "certify")]
+    certify_above: Option<f64>,
     /// Fly this many missions in which something changes at mid-mission (users move, leave or join,
     /// sensors leave, the MSE threshold, speed limit or number of slots falls), and compare with
     /// plans that knew it from the start
@@ -54,18 +61,36 @@ pub(crate) struct BenchmarkArguments {
     /// Print the statistics as JSON
     #[arg(long)]
     json: bool,
+    /// Also write the table into a document, between the marks <!-- benchmark PROFILE --> and
+    /// <!-- /benchmark PROFILE --> (with --changes: "benchmark changes")
+    #[arg(long, value_name = "F.md", conflicts_with = "certify")]
+    document: Option<PathBuf>,
+}
+
+impl BenchmarkArguments {
+    /// Writes the table into the document, if there is one.
+    fn write_document(&self, name: &str, table: &str) -> Result<(), Failure> {
+        let Some(document) = &self.document else {
+            return Ok(());
+        };
+        figures::document::write_table(document, &format!("benchmark {name}"), table)
+            .map_err(Failure::failed)
+    }
 }
 
 /// Flies the policies and prints the table of statistics, or computes the missing bounds.
 pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
-    let scenarios = benchmark::missions(&arguments.missions).map_err(Failure::bad_input)?;
+    let mut scenarios = benchmark::missions(&arguments.missions).map_err(Failure::bad_input)?;
+    if let Some(first) = arguments.first {
+        scenarios.truncate(usize::try_from(first).unwrap_or(usize::MAX));
+    }
     let bounds = Bounds::read(&arguments.missions).map_err(Failure::bad_input)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.jobs as usize)
         .build()
         .map_err(Failure::failed)?;
     if arguments.certify {
-        return pool.install(|| certify(&arguments.missions, &scenarios, bounds));
+        return pool.install(|| certify(arguments, &scenarios, bounds));
     }
     let default = vec![PolicyChoice::Plan, PolicyChoice::StraightLine];
     let policies = if arguments.policy.is_empty() {
@@ -83,8 +108,12 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     let flights = pool.install(|| fly(arguments, policies, &scenarios, known))?;
     let found: Vec<PolicyStatistics> = policies
         .iter()
-        .map(|policy| statistics(&policy.to_string(), &flights, &bounds))
+        .map(|policy| {
+            let reference = policies[0].to_string();
+            statistics(&policy.to_string(), &reference, &flights, &bounds)
+        })
         .collect();
+    arguments.write_document(&arguments.profile.to_string(), &document_table(&found))?;
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer_pretty(&mut out, &found).map_err(Failure::failed)?;
@@ -118,37 +147,65 @@ fn fly_changes(
         })
         .collect();
     bar.finish_and_clear();
+    let rows = change_rows(&flights, policies);
+    arguments.write_document("changes", &document_change_table(&rows))?;
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer_pretty(&mut out, &flights).map_err(Failure::failed)?;
         writeln!(out)?;
         return Ok(());
     }
-    write!(out, "{}", change_table(&flights, policies))?;
+    write!(out, "{}", change_table(&rows))?;
     Ok(())
 }
 
-fn change_table(flights: &[ChangeFlight], policies: &[PolicyChoice]) -> String {
-    let mut text = format!(
-        "share of a plan that knew the change from the start\n{:<42} {:<14} {:>6} {:>7} {:>7} {:>7}\n",
-        "at mid-mission", "policy", "flown", "mean", "worst", "broken"
-    );
+/// Returns the statistics of each kind of change and policy, then of all changes.
+fn change_rows(flights: &[ChangeFlight], policies: &[PolicyChoice]) -> Vec<ChangeStatistics> {
     let kinds = EventKind::ALL.into_iter().map(Some).chain([None]);
-    for kind in kinds {
-        for policy in policies {
-            let Some(row) = ChangeStatistics::of(flights, &policy.to_string(), kind) else {
-                continue;
-            };
-            text += &format!(
-                "{:<42} {:<14} {:>6} {:>7.4} {:>7.4} {:>7}\n",
-                kind.map_or("all of these", EventKind::title),
-                row.policy,
-                row.flown,
-                row.mean,
-                row.worst,
-                row.violations
-            );
-        }
+    kinds
+        .flat_map(|kind| policies.iter().map(move |policy| (kind, policy)))
+        .filter_map(|(kind, policy)| ChangeStatistics::of(flights, &policy.to_string(), kind))
+        .collect()
+}
+
+fn change_title(row: &ChangeStatistics) -> &'static str {
+    row.kind.map_or("all of these", EventKind::title)
+}
+
+fn change_table(rows: &[ChangeStatistics]) -> String {
+    let mut text = format!(
+        "fraction of a plan that knew the change from the start\n{:<42} {:<14} {:>6} {:>7} {:>7} {:>8}\n",
+        "at mid-mission", "policy", "flown", "mean", "worst", "violated"
+    );
+    for row in rows {
+        text += &format!(
+            "{:<42} {:<14} {:>6} {:>7.4} {:>7.4} {:>8}\n",
+            change_title(row),
+            row.policy,
+            row.flown,
+            row.mean,
+            row.worst,
+            row.violations
+        );
+    }
+    text
+}
+
+/// Returns the table of changes for a document, in Markdown.
+fn document_change_table(rows: &[ChangeStatistics]) -> String {
+    let mut text = String::from(
+        "| at mid-mission | policy | flown | mean | worst | constraints violated |\n|---|---|--:|--:|--:|--:|\n",
+    );
+    for row in rows {
+        text += &format!(
+            "| {} | {} | {} | {:.4} | {:.4} | {} |\n",
+            change_title(row),
+            row.policy,
+            row.flown,
+            row.mean,
+            row.worst,
+            row.violations
+        );
     }
     text
 }
@@ -160,10 +217,19 @@ fn bar(length: usize) -> ProgressBar {
 }
 
 /// Computes the missing bounds. Each bound is written to the file as soon as it is known.
-fn certify(folder: &Path, scenarios: &[Scenario], bounds: Bounds) -> Result<(), Failure> {
+fn certify(
+    arguments: &BenchmarkArguments,
+    scenarios: &[Scenario],
+    bounds: Bounds,
+) -> Result<(), Failure> {
+    let folder = &arguments.missions;
+    let enough = arguments.certify_above.unwrap_or(f64::INFINITY);
     let missing: Vec<&Scenario> = scenarios
         .iter()
-        .filter(|scenario| bounds.of(&scenario.digest()).is_none())
+        .filter(|scenario| {
+            let known = bounds.of(&scenario.digest());
+            known.is_none_or(|known| known.gap > enough)
+        })
         .collect();
     let bar = bar(missing.len());
     let bounds = Mutex::new(bounds);
@@ -171,6 +237,10 @@ fn certify(folder: &Path, scenarios: &[Scenario], bounds: Bounds) -> Result<(), 
         match Bounds::certify(scenario) {
             Ok(record) => {
                 let mut bounds = bounds.lock().map_err(Failure::failed)?;
+                let record = match bounds.of(&record.digest) {
+                    Some(known) => record.tighter(known),
+                    None => record,
+                };
                 bounds.insert(record);
                 bounds.write(folder).map_err(Failure::failed)?;
             }
@@ -254,41 +324,83 @@ fn fly(
     Ok(known.into_iter().filter(own).chain(flown?).collect())
 }
 
+/// The columns of the table: the headings on the terminal and in a document.
+const COLUMNS: [(&str, &str); 12] = [
+    ("policy", "policy"),
+    ("flown", "flown"),
+    ("counted", "counted"),
+    ("mean", "mean"),
+    ("5 %", "5 % quantile"),
+    ("worst", "worst"),
+    ("reference", "first policy on the same missions"),
+    ("violated", "constraints violated"),
+    ("inaccurate", "slots above Gamma"),
+    ("prepare s", "preparation, median, s"),
+    ("at most", "at most, s"),
+    ("decide us", "decision, median, us"),
+];
+
+/// Returns the cells of a policy's row, one for each of [`COLUMNS`].
+fn cells(row: &PolicyStatistics) -> [String; COLUMNS.len()] {
+    let fraction = |value: f64| {
+        if value.is_nan() {
+            "-".to_owned()
+        } else {
+            format!("{value:.4}")
+        }
+    };
+    [
+        row.policy.clone(),
+        row.flown.to_string(),
+        row.counted.to_string(),
+        fraction(row.mean),
+        fraction(row.quantile_5),
+        fraction(row.worst),
+        fraction(row.reference_mean),
+        row.violations.to_string(),
+        row.inaccurate_slots.to_string(),
+        format!("{:.3}", row.preparation_median_s),
+        format!("{:.3}", row.preparation_max_s),
+        format!("{:.1}", row.decision_median_us),
+    ]
+}
+
 fn table(found: &[PolicyStatistics]) -> String {
+    let rows: Vec<_> = found.iter().map(cells).collect();
     let mut text = format!(
-        "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %\n\
-         {:<14} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>10} {:>10} {:>9} {:>12}\n",
-        100.0 * benchmark::COUNTED_GAP,
-        "policy",
-        "flown",
-        "counted",
-        "mean",
-        "5 %",
-        "worst",
-        "violated",
-        "inaccurate",
-        "prepare s",
-        "at most",
-        "decide us"
+        "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %\n",
+        100.0 * benchmark::COUNTED_GAP
     );
-    for row in found {
-        text += &format!(
-            "{:<14} {:>6} {:>7} {:>7.4} {:>7.4} {:>7.4} {:>7} {:>10} {:>10.3} {:>9.3} {:>12.1}\n",
-            row.policy,
-            row.flown,
-            row.counted,
-            row.mean,
-            row.quantile_5,
-            row.worst,
-            row.violations,
-            row.inaccurate_slots,
-            row.preparation_median_s,
-            row.preparation_max_s,
-            row.decision_median_us
-        );
+    let headings = COLUMNS.map(|(heading, _)| heading.to_owned());
+    let widths: Vec<usize> = (0..COLUMNS.len())
+        .map(|column| {
+            let cells = rows.iter().chain([&headings]).map(|row| row[column].len());
+            cells.max().unwrap_or(0)
+        })
+        .collect();
+    for row in [&headings].into_iter().chain(&rows) {
+        text += &format!("{:<width$}", row[0], width = widths[0]);
+        for (cell, width) in row.iter().zip(&widths).skip(1) {
+            text += &format!("  {cell:>width$}");
+        }
+        text.push('\n');
     }
     for row in found.iter().filter(|row| row.refused > 0) {
         text += &format!("{} does not fit {} missions\n", row.policy, row.refused);
+    }
+    text
+}
+
+/// Returns the table for a document, in Markdown.
+fn document_table(found: &[PolicyStatistics]) -> String {
+    let headings = COLUMNS.map(|(_, heading)| heading);
+    let mut text = format!(
+        "| {} |\n|---|{}\n",
+        headings.join(" | "),
+        "--:|".repeat(COLUMNS.len() - 1)
+    );
+    for row in found {
+        text += &format!("| {} |\n", cells(row).join(" | "));
     }
     text
 }

@@ -51,11 +51,11 @@ enum Precision {
 pub(crate) struct BoardChoice {
     /// Where the controller runs: in-process, or tcp:HOST:PORT for a board (docs/target.md) that has
     /// its ground link at PORT, MAVLink at PORT + 1 and its console at PORT + 2. A board flies the
-    /// policy in its flash memory, or straight-line if --policy says so
+    /// policy in its flash memory, or plan or straight-line if --policy says so
     #[arg(long, default_value = "in-process", value_name = "WHERE")]
     controller: ControllerChoice,
     /// Floating-point precision of the in-process controller: f64, or f32 as on a board (only with
-    /// --policy F.policy or straight-line). A board always computes in f32
+    /// --policy F.policy, plan or straight-line). A board always computes in f32
     #[arg(long, default_value = "f64")]
     precision: Precision,
 }
@@ -82,9 +82,13 @@ impl BoardChoice {
     ) -> Result<OpenBoard, Failure> {
         let ordered = |policy_kind| order(scenario, profile, policy_kind);
         match (&self.controller, policy) {
-            (ControllerChoice::Tcp(to), PolicyChoice::Shipped | PolicyChoice::StraightLine) => {
+            (
+                ControllerChoice::Tcp(to),
+                PolicyChoice::Shipped | PolicyChoice::StraightLine | PolicyChoice::Plan,
+            ) => {
                 let policy_kind = match policy {
                     PolicyChoice::Shipped => PolicyKind::Trained,
+                    PolicyChoice::Plan => PolicyKind::Plan,
                     _ => PolicyKind::StraightLine,
                 };
                 let image = Image::connect(to, &ordered(policy_kind)).map_err(Failure::failed)?;
@@ -92,10 +96,13 @@ impl BoardChoice {
             }
             (ControllerChoice::Tcp(_), other) => Err(Failure::bad_input(format!(
                 "--policy {other} cannot be used with a board: omit --policy to fly the policy in its \
-                 flash memory, or use --policy straight-line"
+                 flash memory, or use --policy plan or --policy straight-line"
             ))),
             (ControllerChoice::InProcess, PolicyChoice::StraightLine) => {
                 twin(&ordered(PolicyKind::StraightLine), None)
+            }
+            (ControllerChoice::InProcess, PolicyChoice::Plan) => {
+                twin(&ordered(PolicyKind::Plan), None)
             }
             (ControllerChoice::InProcess, PolicyChoice::File(path)) if is_policy(path) => {
                 let named = |error| Failure::bad_input(format!("{}: {error}", path.display()));
@@ -105,8 +112,8 @@ impl BoardChoice {
                 )
             }
             (ControllerChoice::InProcess, other) => Err(Failure::bad_input(format!(
-                "--policy {other} cannot be used with --precision f32: use straight-line or a .policy \
-                 file (`trainer convert F.onnx F.policy` writes one)"
+                "--policy {other} cannot be used with --precision f32: use plan, straight-line or a \
+                 .policy file (`trainer convert F.onnx F.policy` writes one)"
             ))),
         }
     }

@@ -1,5 +1,6 @@
 //! `host-sim run`: flies one mission and writes its report.
 
+mod certified;
 mod ending;
 mod progress;
 
@@ -29,6 +30,7 @@ use super::{
     doctor::{OwnAddressArguments, parse_mps},
     load_policy, warn_of_policy,
 };
+use certified::certified_bound;
 use ending::OutputArguments;
 use progress::Progress;
 
@@ -38,8 +40,10 @@ pub(crate) struct RunArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
     /// The policy: shipped (the policy that was trained for a shipped scenario, plan for any other
-    /// scenario), plan (the onboard planner), straight-line, fixed, search, or a file: .onnx or
-    /// .policy (a trained policy), .csv or .plan (planned waypoints)
+    /// scenario), plan (the onboard planner; plan:SECONDS plans at most so long before take-off;
+    /// plan-once[:SECONDS] does not plan again in flight), straight-line, fixed, search, a file:
+    /// .onnx or .policy (a trained policy), .csv or .plan (planned waypoints), or a directory of
+    /// .onnx files, one of which was trained for the mission
     #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
     /// How the powers of a slot are allocated: exact, alternating (the paper's Alg. 1), or one of the
@@ -92,6 +96,10 @@ pub(crate) struct RunArguments {
     /// each from a slot on
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
+    /// Compare the total with the certified upper bound of the mission, as host-sim bound computes
+    /// it (up to two minutes), or from a bounds.csv beside the scenario file that has this mission
+    #[arg(long, conflicts_with = "events")]
+    bound: bool,
     /// Number of symbols that are transmitted in each slot to measure the MSE
     #[arg(long, default_value_t = SYMBOLS_PER_SLOT, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     symbols: u32,
@@ -278,7 +286,16 @@ fn fly(
 
 /// Reports the flight. Events that were not displayed when they happened are displayed now if it
 /// failed.
-fn end(flown: Result<FlightRecord, FailedFlight>, arguments: &RunArguments) -> Result<(), Failure> {
+fn end(
+    mut flown: Result<FlightRecord, FailedFlight>,
+    arguments: &RunArguments,
+) -> Result<(), Failure> {
+    if let Ok(record) = &mut flown
+        && arguments.bound
+    {
+        let file = &arguments.mission.scenario;
+        record.notes.certified_bound = certified_bound(&record.scenario, file);
+    }
     ending::report(flown, &arguments.output, !shows_events(arguments))
 }
 

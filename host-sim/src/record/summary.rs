@@ -5,7 +5,7 @@ use firmware_core::{Position, USERS_MAX, mission::MEASUREMENT_M, shield::Fairnes
 use scenario::{HostMission, Timeline};
 use serde::Serialize;
 
-use super::{FlightRecord, LinkRecord, SlotRecord};
+use super::{CertifiedBound, FlightRecord, LinkRecord, SlotRecord};
 
 /// The number of slots and the amount of data of a user.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -57,6 +57,12 @@ pub struct Summary {
     pub sum_rate: f64,
     /// The sum of the rates of the ideal flight, bit/s/Hz: [`FlightNotes::ideal_sum_rate`](super::FlightNotes::ideal_sum_rate).
     pub ideal_sum_rate: Option<f64>,
+    /// The certified bound ([`FlightNotes::certified_bound`]); absent if it was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub certified_bound: Option<CertifiedBound>,
+    /// `sum_rate` as a fraction of the certified bound.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fraction_of_bound: Option<f64>,
     /// The warning about a policy that was trained for another mission.
     pub policy_warning: Option<String>,
     /// The limit of the sum of the rates at any positions: the number of slots times `log2(1 / (1 -
@@ -155,6 +161,9 @@ impl FlightRecord {
             .map(|slot| (slot.planned - slot.flown).norm())
             .collect();
         let squares = self.slots.iter().map(|slot| slot.signals.error().powi(2));
+        let sum_rate: f64 = self.slots.iter().map(|slot| slot.rate).sum();
+        let bound = self.notes.certified_bound.as_ref();
+        let bound = bound.filter(|bound| bound.upper > 0.0);
         Summary {
             scenario: self.scenario.name.clone(),
             scenario_digest: self.scenario.digest(),
@@ -164,8 +173,10 @@ impl FlightRecord {
             completed: self.completed,
             ended: self.ended.clone(),
             slots: self.slots.len(),
-            sum_rate: self.slots.iter().map(|slot| slot.rate).sum(),
+            sum_rate,
             ideal_sum_rate: self.notes.ideal_sum_rate,
+            certified_bound: self.notes.certified_bound.clone(),
+            fraction_of_bound: bound.map(|bound| sum_rate / bound.upper),
             policy_warning: self.notes.policy_warning.clone(),
             sum_rate_physical_limit: match self.changes.changes() {
                 [] => f64::from(mission.slots()) * mission.slot_rate_limit(),

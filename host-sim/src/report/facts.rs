@@ -3,7 +3,7 @@
 
 use firmware_core::inner::LimitedBy;
 
-use super::{against_waypoints, of_ideal_flight, slots_csv};
+use super::{against_waypoints, of_certified_bound, of_ideal_flight, slots_csv};
 use crate::record::{FlightRecord, Summary, Timing};
 use figures::{
     axis::DETAILED_SLOTS_MAX,
@@ -91,6 +91,9 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
     if let Some((share, of)) = of_ideal_flight(summary) {
         outcome.insert(1, ("Of the ideal flight", format!("{share} {of}")));
         outcome.push(("Rate where it flew", against_waypoints(summary, 4)));
+    }
+    if let Some((fraction, of)) = of_certified_bound(summary) {
+        outcome.insert(1, ("Of the certified bound", format!("{fraction} {of}")));
     }
     let table_one = vec![
         (

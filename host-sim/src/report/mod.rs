@@ -50,6 +50,21 @@ fn of_ideal_flight(summary: &Summary) -> Option<(String, String)> {
     ))
 }
 
+/// Returns the fraction that the total is of the certified bound, and of what it is a fraction, if
+/// the bound was asked for.
+fn of_certified_bound(summary: &Summary) -> Option<(String, String)> {
+    let (bound, fraction) = (
+        summary.certified_bound.as_ref()?,
+        summary.fraction_of_bound?,
+    );
+    let upper = quantity::significant(bound.upper, 4);
+    let source = match &bound.file {
+        Some(file) => format!("from {file}"),
+        None => "computed for this flight".into(),
+    };
+    Some((quantity::percent(fraction), format!("of {upper}, {source}")))
+}
+
 /// Returns how the rates at the flown positions compare with those at the waypoints.
 fn against_waypoints(summary: &Summary, decimals: usize) -> String {
     let lost = summary.planned_vs_flown_rate;

@@ -74,6 +74,14 @@ impl Policy<f64, USERS_MAX> for Wanderer {
             user_scores: observation.counts.iter().map(|_| number(1.0)).collect(),
         }
     }
+
+    fn revise(&mut self, _: &firmware_core::mission::MissionChange<f64>, _: u32) {}
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {
+        None
+    }
 }
 
 /// The gain of a link is the model's gain times a factor, as seen from a position that drifts.

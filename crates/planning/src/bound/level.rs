@@ -1,16 +1,16 @@
 //! One size of cells: their rate bounds, the dual function over them, and the cells that it
 //! excludes.
 
-use std::sync::Arc;
-
-use firmware_core::{Mission, Position, inner::Workspace};
-use rayon::prelude::*;
+use firmware_core::{Mission, Position};
 
 use super::{
     grid::{Cell, Grid, Moves},
     multipliers::DualPoint,
-    rates::{RateBound, round_up},
-    tube::{Layer, Tube, Values, Window, Worth},
+    rates::round_up,
+    reach::drop_unreachable,
+    table::{LiveCell, RateTable, best_user},
+    tube::{Tube, Values, Worth},
+    window::{Layer, Window},
 };
 
 /// Cells of one size, for some or all of the missions.
@@ -21,36 +21,10 @@ pub(crate) struct Level {
     /// How many times the first cells of the area were halved.
     pub(crate) depth: usize,
     moves: Moves,
+    reach_m: f64,
     quota: f64,
     users: usize,
-    rates: Arc<RateRows>,
 }
-
-/// Rate bounds for the cells that are alive in some slot.
-#[derive(Clone, Debug, Default)]
-struct RateRows {
-    hull: Window,
-    /// The index of the row of each cell of the hull.
-    row: Vec<u32>,
-    /// The bounds, cell by cell and user by user.
-    rates: Vec<f32>,
-    users: usize,
-}
-
-impl RateRows {
-    fn of_cell(&self, column: i32, row: i32) -> Option<&[f32]> {
-        self.of_index(self.hull.index(column, row)?)
-    }
-
-    fn of_index(&self, index: usize) -> Option<&[f32]> {
-        match self.row[index] {
-            NO_ROW => None,
-            row => Some(&self.rates[row as usize * self.users..][..self.users]),
-        }
-    }
-}
-
-const NO_ROW: u32 = u32::MAX;
 
 /// Returns whether a cell can contain the waypoint of a slot (counted from 0), because it is near
 /// enough to the start and to the destination.
@@ -66,24 +40,11 @@ fn within_reach<const M: usize, const J: usize>(
         && cell.least_distance_m(&p.destination) <= reach(slots - slot)
 }
 
-/// Returns the user with the largest rate plus price, and the first of them in a tie.
-fn best_user(rates: &[f32], prices: &[f32]) -> usize {
-    let priced = |user: usize| rates[user] + prices[user];
-    (1..rates.len()).fold(0, |best, user| {
-        if priced(user) > priced(best) {
-            user
-        } else {
-            best
-        }
-    })
-}
-
 impl Level {
     /// Returns the level of all missions over the cells of a grid, or `None` if more than
     /// `pairs_max` pairs of slot and cell would have to be stored.
     pub(crate) fn first<const M: usize, const J: usize>(
         mission: &Mission<f64, M, J>,
-        bound: &RateBound<'_, M, J>,
         grid: Grid,
         pairs_max: usize,
     ) -> Option<Self> {
@@ -102,12 +63,11 @@ impl Level {
         let tube = Tube {
             layers: layers.collect(),
         };
-        Some(Self::with(mission, bound, grid, tube, 0))
+        Some(Self::with(mission, grid, tube, 0))
     }
 
     fn with<const M: usize, const J: usize>(
         mission: &Mission<f64, M, J>,
-        bound: &RateBound<'_, M, J>,
         grid: Grid,
         tube: Tube,
         depth: usize,
@@ -118,7 +78,7 @@ impl Level {
         let longest_m = mission.reach_m().min(area.east_m.hypot(area.north_m));
         Self {
             moves: Moves::any(longest_m, grid.side_m),
-            rates: Arc::new(bounded_rates(bound, &grid, &tube, mission.user_count())),
+            reach_m: mission.reach_m(),
             grid,
             tube,
             depth,
@@ -131,7 +91,6 @@ impl Level {
     pub(crate) fn split<const M: usize, const J: usize>(
         &self,
         mission: &Mission<f64, M, J>,
-        bound: &RateBound<'_, M, J>,
     ) -> Self {
         let grid = self.grid.halved();
         let tube = self.tube.split(|slot, column, row| {
@@ -139,7 +98,7 @@ impl Level {
                 && row < grid.rows
                 && within_reach(mission, &grid.cell(column, row), slot)
         });
-        Self::with(mission, bound, grid, tube, self.depth + 1)
+        Self::with(mission, grid, tube, self.depth + 1)
     }
 
     /// Divides the missions by the position of their waypoint of `slot`: those whose cell has its
@@ -159,56 +118,31 @@ impl Level {
                 alive.is_some_and(|index| layer.alive[index])
                     && (side_of(&center) > 0.0) == positive
             });
+            part.drop_unreachable();
             part
         })
     }
 
-    /// Returns the value of every cell at the given prices: the largest rate bound plus price.
-    fn worth(&self, prices: &[f32]) -> Worth {
-        let value = (0..self.rates.hull.cells()).into_par_iter().map(|index| {
-            let Some(rates) = self.rates.of_index(index) else {
-                return f32::NEG_INFINITY;
-            };
-            let user = best_user(rates, prices);
-            rates[user] + prices[user]
-        });
-        Worth {
-            window: self.rates.hull,
-            value: value.collect(),
-        }
+    /// Drops cells that no admissible mission through the other cells reaches.
+    pub(crate) fn drop_unreachable(&mut self) {
+        drop_unreachable(&mut self.tube, &self.grid, self.reach_m);
     }
 
-    /// Returns the dual function over the live cells with a subgradient, and a path that attains
-    /// it, as centres of cells.
-    pub(crate) fn dual(&self, multipliers: &[f64]) -> (DualPoint, Vec<Position<f64>>) {
-        let prices = single(multipliers);
-        let worth = self.worth(&prices);
-        let forward = self.tube.forward(&worth, &self.moves);
-        let chain = self
-            .tube
-            .best_chain(&forward, &self.moves)
-            .unwrap_or_default();
-        let mut subgradient = vec![-self.quota; self.users];
-        let mut path = Vec::with_capacity(chain.len());
-        for (column, row) in chain {
-            if let Some(rates) = self.rates.of_cell(column, row) {
-                subgradient[best_user(rates, &prices)] += 1.0;
-            }
-            path.push(self.grid.cell(column, row).center());
-        }
-        let point = DualPoint {
-            value: self.value(&forward, &prices, &worth),
-            subgradient,
-        };
-        (point, path)
+    /// Returns the number of comparisons that one pass takes.
+    pub(crate) fn pass_cost(&self) -> usize {
+        let rows = self.moves.half_width.len();
+        self.tube.stored() * (2 * rows + rows.ilog2() as usize + 2)
     }
 
-    /// Returns the bound that a forward pass proves.
-    fn value(&self, forward: &Values, prices: &[f32], worth: &Worth) -> f64 {
-        let largest = forward.last().map_or(f32::NEG_INFINITY, |last| {
-            last.iter().copied().fold(f32::NEG_INFINITY, f32::max)
-        });
-        f64::from(largest) + self.rounding(worth) - self.owed(prices)
+    /// Returns the level together with the rates of its cells.
+    pub(crate) fn with_rates<'a>(&'a self, table: &'a RateTable) -> RatedLevel<'a> {
+        let hull = self.tube.hull();
+        RatedLevel {
+            cells: table.live_cells(&hull, &self.tube),
+            hull,
+            level: self,
+            table,
+        }
     }
 
     /// Returns `floor(N/M) sum_m lambda_m`.
@@ -228,19 +162,75 @@ impl Level {
 
     /// Drops every pair of slot and cell through which no mission reaches `lower`. Returns a bound
     /// on all missions in the tube before cells were dropped.
-    pub(crate) fn prune(&mut self, multipliers: &[f64], lower: f64) -> f64 {
+    pub(crate) fn prune(&mut self, table: &RateTable, multipliers: &[f64], lower: f64) -> f64 {
         let prices = single(multipliers);
-        let worth = self.worth(&prices);
+        let rated = self.with_rates(table);
+        let worth = rated.worth(&prices);
         let (forward, backward) = rayon::join(
             || self.tube.forward(&worth, &self.moves),
             || self.tube.backward(&worth, &self.moves),
         );
-        let value = self.value(&forward, &prices, &worth);
+        let value = rated.value(&forward, &prices, &worth);
         let least = lower - self.rounding(&worth) + self.owed(&prices);
         // Rounding down guarantees that everything dropped is worse than `lower`.
         self.tube
             .prune(&worth, &forward, &backward, -round_up(-least));
         value
+    }
+}
+
+/// A level and the rates of its live cells.
+#[derive(Debug)]
+pub(crate) struct RatedLevel<'a> {
+    level: &'a Level,
+    table: &'a RateTable,
+    hull: Window,
+    cells: Vec<LiveCell>,
+}
+
+impl RatedLevel<'_> {
+    /// Returns the value of every cell at the given prices: the largest rate bound plus price.
+    fn worth(&self, prices: &[f32]) -> Worth {
+        let mut value = vec![f32::NEG_INFINITY; self.hull.cells()];
+        let worth = self.table.worth(&self.cells, prices);
+        for (cell, worth) in self.cells.iter().zip(worth) {
+            value[cell.index as usize] = worth;
+        }
+        Worth {
+            window: self.hull,
+            value,
+        }
+    }
+
+    /// Returns the dual function over the live cells with a subgradient, and a path that attains
+    /// it, as centres of cells.
+    pub(crate) fn dual(&self, multipliers: &[f64]) -> (DualPoint, Vec<Position<f64>>) {
+        let prices = single(multipliers);
+        let worth = self.worth(&prices);
+        let Level { tube, moves, .. } = self.level;
+        let forward = tube.forward(&worth, moves);
+        let chain = tube.best_chain(&forward, moves).unwrap_or_default();
+        let mut subgradient = vec![-self.level.quota; self.level.users];
+        let mut path = Vec::with_capacity(chain.len());
+        for (column, row) in chain {
+            if let Some(rates) = self.table.of_cell(column, row) {
+                subgradient[best_user(rates, &prices)] += 1.0;
+            }
+            path.push(self.level.grid.cell(column, row).center());
+        }
+        let point = DualPoint {
+            value: self.value(&forward, &prices, &worth),
+            subgradient,
+        };
+        (point, path)
+    }
+
+    /// Returns the bound that a forward pass proves.
+    fn value(&self, forward: &Values, prices: &[f32], worth: &Worth) -> f64 {
+        let largest = forward.last().map_or(f32::NEG_INFINITY, |last| {
+            last.iter().copied().fold(f32::NEG_INFINITY, f32::max)
+        });
+        f64::from(largest) + self.level.rounding(worth) - self.level.owed(prices)
     }
 }
 
@@ -279,42 +269,6 @@ fn window_of_slot<const M: usize, const J: usize>(
     }
 }
 
-/// Computes rate bounds for every cell that is alive in some slot.
-fn bounded_rates<const M: usize, const J: usize>(
-    bound: &RateBound<'_, M, J>,
-    grid: &Grid,
-    tube: &Tube,
-    users: usize,
-) -> RateRows {
-    let hull = tube.hull();
-    let mut row_of = vec![NO_ROW; hull.cells()];
-    let mut cells: Vec<(i32, i32)> = Vec::new();
-    for layer in &tube.layers {
-        for index in layer.living() {
-            let (column, row) = layer.window.place(index);
-            if let Some(index) = hull.index(column, row)
-                && row_of[index] == NO_ROW
-            {
-                row_of[index] = cells.len() as u32;
-                cells.push((column, row));
-            }
-        }
-    }
-    let mut rates = vec![0.0; cells.len() * users];
-    rates.par_chunks_mut(users).zip(&cells).for_each_init(
-        Workspace::default,
-        |workspace, (rates, &(column, row))| {
-            bound.over(&grid.cell(column, row), workspace, rates);
-        },
-    );
-    RateRows {
-        hull,
-        row: row_of,
-        rates,
-        users,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -324,7 +278,7 @@ mod tests {
         let p = mission.parameters();
         let extent_m = p.area.east_m.max(p.area.north_m);
         let grid = Grid::new(p.area, mission.reach_m().min(extent_m) / 2.0 / (1.0 - 1e-9));
-        Level::first(mission, &RateBound::new(mission), grid, usize::MAX).expect("a level")
+        Level::first(mission, grid, usize::MAX).expect("a level")
     }
 
     /// Moves that leave the area from every cell are omitted: they would only cost time and memory.
@@ -335,7 +289,7 @@ mod tests {
             let mut parameters = shipped.mission.parameters().clone();
             parameters.max_speed_mps = max_speed_mps;
             let mission = Mission::new(parameters).expect("a valid mission");
-            let level = first_level(&mission).split(&mission, &RateBound::new(&mission));
+            let level = first_level(&mission).split(&mission);
             let across =
                 f64::from(level.grid.columns.max(level.grid.rows)) * std::f64::consts::SQRT_2;
             let (rows, widest) = (level.moves.half_width.len(), level.moves.half_width[0]);

@@ -4,32 +4,36 @@
 //! * The area is divided into square cells. [`rates`] bounds the rates at any point of a cell.
 //! * [`tube`] contains the cells that each slot may end in and finds the best chain of cells by
 //!   dynamic programming, with every move that some admissible displacement makes.
-//! * Fairness (eq:a3) enters as prices. [`multipliers`] finds the prices that give the least bound.
-//! * Cells are dropped if the best chain through them is worth less than the best known mission.
-//!   The remaining cells are [split](level) and the set of missions is [branched](tree), until
-//!   bound and mission are close.
+//! * Fairness (eq:a3) enters as prices. [`multipliers`] and [`bundle`] find the prices that give
+//!   the least bound.
+//! * Cells are dropped if the best chain through them is worth less than the best known mission, or
+//!   if the vehicle cannot [reach] them. The remaining cells are [split](level) and the set of
+//!   missions is [branched](tree), until bound and mission are close ([`certifier`]).
 //!
 //! The mission is found by [`crate::search`], which starts from the chains. The result is
 //! deterministic for any number of threads, because work is bounded by counts and not by a clock.
 
+mod bundle;
+mod certifier;
+mod disc;
 mod grid;
 mod level;
 mod multipliers;
 mod rates;
+mod reach;
+mod table;
 mod tree;
 mod tube;
+mod window;
 
 use std::time::Instant;
 
 use firmware_core::Mission;
 use serde::Serialize;
 
-use crate::search::{PathRules, Plan, made_admissible, rearrange, refine};
-use grid::Grid;
-use level::Level;
-use multipliers::Descent;
-use rates::{RATE_ROUNDING, RateBound};
-use tree::Leaf;
+use crate::search::Plan;
+use certifier::Certifier;
+use rates::RateBound;
 
 /// When a certification stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,8 +47,8 @@ pub struct BoundSettings {
     /// The largest number of pairs of slot and cell that one leaf may store. It bounds the memory:
     /// about 10 bytes per pair while the leaf is processed, and 1 byte while it waits.
     pub pairs_max: usize,
-    /// The largest number of pairs of slot and cell that are examined after branching. It bounds
-    /// the time.
+    /// The number of comparisons of single numbers after which nothing is divided further. It bounds
+    /// the time: about 10^9 take a second of one processor.
     pub work_max: usize,
 }
 
@@ -53,9 +57,9 @@ impl Default for BoundSettings {
         Self {
             gap: 0.005,
             finest_cell_m: 0.2,
-            leaves_max: 40,
+            leaves_max: 4000,
             pairs_max: 40_000_000,
-            work_max: 100_000_000,
+            work_max: 100_000_000_000,
         }
     }
 }
@@ -140,17 +144,8 @@ pub enum BoundError {
     },
 }
 
-/// The number of slots above which the assignment, which is cubic in it, would take minutes.
-const SLOTS_MAX: u32 = 1000;
-/// The depth at which the set of missions is branched: cells of a quarter of `V_max delta`.
-const BRANCHING_DEPTH: usize = 1;
-/// The relative error that cells of that size cause in the shipped missions. If the bound of a leaf
-/// is closer than this to the best mission, splitting its cells is more useful than branching.
-const CELL_COST: f64 = 0.006;
-/// The spacing down to which a path is refined as a trial, as a fraction of `V_max delta`.
-const TRIAL_SPACING: f64 = 0.125;
-/// The spacing down to which the best mission is refined, metres.
-const FINAL_SPACING_M: f64 = 0.01;
+/// The work of [`search`], as [`BoundSettings::work_max`].
+const SEARCH_WORK: usize = 20_000_000_000;
 
 /// Bounds a mission. Calls `progress` after every step.
 ///
@@ -161,14 +156,29 @@ pub fn certify<const M: usize, const J: usize>(
     settings: &BoundSettings,
     progress: impl FnMut(&BoundProgress),
 ) -> Result<Bound, BoundError> {
+    certify_until(mission, settings, &|| false, progress)
+}
+
+/// Bounds a mission, and returns what is certified when `stop` returns true. It is polled many
+/// times per second, by several threads. Even if it is true from the start, the result is a certified
+/// bound, without prices, and an admissible mission.
+///
+/// # Errors
+/// Returns the errors of [`certify`].
+pub fn certify_until<const M: usize, const J: usize>(
+    mission: &Mission<f64, M, J>,
+    settings: &BoundSettings,
+    stop: &(dyn Fn() -> bool + Sync),
+    mut progress: impl FnMut(&BoundProgress),
+) -> Result<Bound, BoundError> {
     let started = Instant::now();
     let rate_bound = RateBound::new(mission);
-    let mut certifier = Certifier::new(mission, settings, &rate_bound, progress);
+    let mut certifier = Certifier::new(mission, settings, &rate_bound, stop);
     certifier.start()?;
     let multipliers = certifier.leaves[0].multipliers.clone();
-    certifier.part();
+    progress(&certifier.progress(certifier.leaves[0].level.grid.side_m));
+    let cell_m = certifier.divide(&mut progress);
     certifier.polish();
-    let cell_m = certifier.split();
     let (lower, upper, gap) = (certifier.lower(), certifier.upper(), certifier.gap());
     let leaves = certifier.leaves.len();
     let plan = certifier.best.ok_or_else(|| no_room(mission))?;
@@ -184,7 +194,7 @@ pub fn certify<const M: usize, const J: usize>(
     })
 }
 
-/// Returns the mission that [`certify`] finds at the default settings, without closing the bound.
+/// Returns the mission that [`certify`] finds at the default settings with a fifth of the work.
 /// Calls `progress` after every step.
 ///
 /// # Errors
@@ -194,7 +204,7 @@ pub fn search<const M: usize, const J: usize>(
     progress: impl FnMut(&BoundProgress),
 ) -> Result<Plan, BoundError> {
     let settings = BoundSettings {
-        work_max: 0,
+        work_max: SEARCH_WORK,
         ..BoundSettings::default()
     };
     certify(mission, &settings, progress).map(|bound| bound.plan)
@@ -213,7 +223,7 @@ pub fn fairness_prices<const M: usize, const J: usize>(
         mission,
         &BoundSettings::default(),
         &RateBound::new(mission),
-        |_| (),
+        &|| false,
     )
     .whole()?;
     Ok(leaf.multipliers)
@@ -224,264 +234,5 @@ fn no_room<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> Boun
     BoundError::StraightPathOnly {
         distance_m: (p.destination - p.start).norm(),
         reach_m: f64::from(mission.slots() + 1) * mission.reach_m(),
-    }
-}
-
-/// The state of a certification.
-struct Certifier<'a, F, const M: usize, const J: usize> {
-    mission: &'a Mission<f64, M, J>,
-    settings: &'a BoundSettings,
-    rate_bound: &'a RateBound<'a, M, J>,
-    rules: PathRules<'a, M, J>,
-    best: Option<Plan>,
-    leaves: Vec<Leaf>,
-    progress: F,
-}
-
-impl<'a, F: FnMut(&BoundProgress), const M: usize, const J: usize> Certifier<'a, F, M, J> {
-    fn new(
-        mission: &'a Mission<f64, M, J>,
-        settings: &'a BoundSettings,
-        rate_bound: &'a RateBound<'a, M, J>,
-        progress: F,
-    ) -> Self {
-        Self {
-            mission,
-            settings,
-            rate_bound,
-            rules: PathRules::new(mission),
-            best: None,
-            leaves: Vec::new(),
-            progress,
-        }
-    }
-
-    fn lower(&self) -> f64 {
-        self.best.as_ref().map_or(0.0, |plan| plan.sum_rate)
-    }
-
-    /// Returns the upper bound of all missions: the larger of the best known mission and the
-    /// largest bound of a leaf.
-    fn upper(&self) -> f64 {
-        let leaves = self.leaves.iter().map(|leaf| leaf.value);
-        leaves.fold(self.lower(), f64::max)
-    }
-
-    fn report(&mut self, cell_m: f64) {
-        let progress = BoundProgress {
-            cell_m,
-            leaves: self.leaves.len(),
-            upper: self.upper(),
-            lower: self.lower(),
-        };
-        (self.progress)(&progress);
-    }
-
-    fn is_close(&self) -> bool {
-        self.gap() == 0.0 || self.upper() - self.lower() <= self.settings.gap * self.upper()
-    }
-
-    /// Returns the gap relative to the upper bound. It is 0 if the bounds differ by no more than
-    /// rounding, which includes missions that transmit nothing.
-    fn gap(&self) -> f64 {
-        let (lower, upper) = (self.lower(), self.upper());
-        let rounding = f64::from(self.mission.slots()) * 2.0 * RATE_ROUNDING;
-        if upper - lower <= rounding {
-            return 0.0;
-        }
-        (upper - lower) / upper
-    }
-
-    /// Prices may be negative if every mission meets each quota exactly.
-    fn descent(&self, iterations: usize, ambition: f64, least_ambition: f64) -> Descent {
-        Descent {
-            iterations,
-            ambition,
-            least_ambition,
-            free_sign: (self.mission.slots() as usize).is_multiple_of(self.mission.user_count()),
-        }
-    }
-
-    /// Returns one leaf with all missions, at the depth where branching starts.
-    fn whole(&self) -> Result<Leaf, BoundError> {
-        let p = self.mission.parameters();
-        let extent_m = p.area.east_m.max(p.area.north_m);
-        // The side is slightly larger than V delta over a power of two, so that moves along the
-        // axes are not longer than V delta (docs/bound.md).
-        let side_m = self.mission.reach_m().min(extent_m) / 2.0 / (1.0 - 1e-9);
-        let pairs_max = self.settings.pairs_max;
-        let too_large = |cell_m: f64| BoundError::TooLarge { pairs_max, cell_m };
-        if self.mission.slots() > SLOTS_MAX {
-            return Err(BoundError::TooManySlots {
-                slots: self.mission.slots(),
-                max: SLOTS_MAX,
-            });
-        }
-        if extent_m / side_m > 1e4 {
-            return Err(too_large(side_m));
-        }
-        let grid = Grid::new(p.area, side_m);
-        let level = Level::first(self.mission, self.rate_bound, grid, pairs_max)
-            .ok_or_else(|| too_large(side_m))?;
-        let free = vec![0.0; self.mission.user_count()];
-        let mut leaf = Leaf::solve(level, free, &self.descent(150, 0.05, 1e-4), self.lower());
-        while leaf.level.depth < BRANCHING_DEPTH {
-            // Only cells that were not dropped are stored, so more than the limit may fit after
-            // splitting.
-            if 4 * leaf.level.tube.stored() > pairs_max {
-                return Err(too_large(leaf.level.grid.side_m / 2.0));
-            }
-            let level = leaf.split(self.mission, self.rate_bound);
-            let descent = self.descent(120, 0.02, 1e-4);
-            leaf = Leaf::solve(level, leaf.multipliers, &descent, self.lower());
-        }
-        Ok(leaf)
-    }
-
-    fn start(&mut self) -> Result<(), BoundError> {
-        let leaf = self.whole()?;
-        let side_m = leaf.level.grid.side_m;
-        self.try_paths(&leaf, 4);
-        if self.best.is_none() {
-            self.try_straight_line();
-        }
-        self.leaves.push(leaf);
-        self.report(side_m);
-        Ok(())
-    }
-
-    /// Searches for missions, starting from the paths of a leaf.
-    fn try_paths(&mut self, leaf: &Leaf, most: usize) {
-        let mut tried: Vec<f64> = Vec::new();
-        for path in leaf.paths.iter().take(most) {
-            let Some(path) = made_admissible(&self.rules, path) else {
-                continue;
-            };
-            let plan = Plan::assigned(self.mission, path);
-            if tried.contains(&plan.sum_rate) {
-                continue;
-            }
-            tried.push(plan.sum_rate);
-            let plan = refine(&self.rules, plan, TRIAL_SPACING * self.rules.reach_m);
-            self.offer(plan);
-        }
-    }
-
-    fn try_straight_line(&mut self) {
-        let p = self.mission.parameters();
-        let wished = vec![p.destination; self.mission.slots() as usize];
-        if let Some(path) = made_admissible(&self.rules, &wished) {
-            self.offer(Plan::assigned(self.mission, path));
-        }
-    }
-
-    fn offer(&mut self, plan: Plan) {
-        if plan.sum_rate > self.lower() || self.best.is_none() {
-            self.best = Some(plan);
-        }
-    }
-
-    /// Removes and returns the leaf with the largest bound among those that the predicate accepts.
-    fn worst_leaf(&mut self, may_be: impl Fn(&Leaf) -> bool) -> Option<Leaf> {
-        let leaves = self
-            .leaves
-            .iter()
-            .enumerate()
-            .filter(|(_, leaf)| may_be(leaf));
-        let worst = leaves.fold(
-            None,
-            |worst: Option<(usize, f64)>, (index, leaf)| match worst {
-                Some((_, value)) if value >= leaf.value => worst,
-                _ => Some((index, leaf.value)),
-            },
-        );
-        worst.map(|(index, _)| self.leaves.swap_remove(index))
-    }
-
-    /// Branches leaves, those with the largest bound first, and searches for missions in the
-    /// results.
-    fn part(&mut self) {
-        let descent = self.descent(25, 0.01, 5e-4);
-        while self.leaves.len() < self.settings.leaves_max && self.gap() > 0.0 {
-            let Some(leaf) = self.worst_leaf(|leaf| !leaf.agreed) else {
-                break;
-            };
-            if leaf.value - self.lower() <= (self.settings.gap + CELL_COST) * leaf.value {
-                self.leaves.push(leaf);
-                break;
-            }
-            let Some([a, b]) = leaf.branched() else {
-                // The paths of the leaf agree, so the size of the cells limits its bound, not a
-                // mixture of missions.
-                self.leaves.push(Leaf {
-                    agreed: true,
-                    ..leaf
-                });
-                continue;
-            };
-            let lower = self.lower();
-            let solve = |level| Leaf::solve(level, leaf.multipliers.clone(), &descent, lower);
-            let (a, b) = rayon::join(|| solve(a), || solve(b));
-            for part in [a, b] {
-                // The bound of a part cannot exceed that of the whole leaf.
-                let part = Leaf {
-                    value: part.value.min(leaf.value),
-                    ..part
-                };
-                self.try_paths(&part, 1);
-                if part.value > self.lower() {
-                    self.leaves.push(part);
-                }
-            }
-            self.report(leaf.level.grid.side_m);
-        }
-    }
-
-    /// Refines the best mission down to [`FINAL_SPACING_M`].
-    fn polish(&mut self) {
-        if let Some(plan) = self.best.clone() {
-            let plan = rearrange(&self.rules, plan);
-            self.offer(refine(&self.rules, plan, FINAL_SPACING_M));
-        }
-    }
-
-    /// Splits the cells of leaves, those with the largest bound first. Returns the side of the
-    /// smallest cells.
-    fn split(&mut self) -> f64 {
-        let mut work = 0;
-        let sides = self.leaves.iter().map(|leaf| leaf.level.grid.side_m);
-        let mut finest_m = sides.fold(f64::INFINITY, f64::min);
-        while !self.is_close() {
-            let Some(leaf) = self.worst_leaf(|_| true) else {
-                break;
-            };
-            let side_m = leaf.level.grid.side_m / 2.0;
-            let pairs = 4 * leaf.level.tube.stored();
-            let affordable = side_m >= self.settings.finest_cell_m
-                && pairs <= self.settings.pairs_max
-                && work + pairs <= self.settings.work_max;
-            if !affordable {
-                // If the leaf with the largest bound cannot be split, splitting others does not
-                // lower the bound.
-                self.leaves.push(leaf);
-                break;
-            }
-            let level = leaf.split(self.mission, self.rate_bound);
-            work += pairs;
-            finest_m = finest_m.min(side_m);
-            let iterations = match level.depth {
-                ..=2 => 20,
-                3 => 6,
-                _ => 0,
-            };
-            let descent = self.descent(iterations, 0.002, 1e-4);
-            let part = Leaf::solve(level, leaf.multipliers, &descent, self.lower());
-            if part.value > self.lower() {
-                let value = part.value.min(leaf.value);
-                self.leaves.push(Leaf { value, ..part });
-            }
-            self.report(side_m);
-        }
-        finest_m
     }
 }

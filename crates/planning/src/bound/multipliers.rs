@@ -21,6 +21,8 @@ pub(crate) struct Descent {
     pub(crate) ambition: f64,
     /// The descent ends when the relative distance falls below this value.
     pub(crate) least_ambition: f64,
+    /// The descent ends when the value is at most this.
+    pub(crate) enough: f64,
     /// Whether multipliers may be negative: true if every mission meets each quota exactly.
     pub(crate) free_sign: bool,
 }
@@ -30,11 +32,12 @@ const PATIENCE: usize = 4;
 
 impl Descent {
     /// Improves `multipliers`. Returns the best value found, with `multipliers` set to where it was
-    /// found.
+    /// found. Ends early when `stop` returns true.
     pub(crate) fn run(
         &self,
         multipliers: &mut Vec<f64>,
         mut dual: impl FnMut(&[f64]) -> DualPoint,
+        stop: impl Fn() -> bool,
     ) -> f64 {
         let mut here = multipliers.clone();
         let mut best = dual(&here);
@@ -43,6 +46,9 @@ impl Descent {
         let mut ambition = self.ambition;
         let mut fruitless = 0;
         for _ in 1..self.iterations {
+            if best.value <= self.enough || stop() {
+                break;
+            }
             self.step(&mut here, &mut direction, &point, best.value, ambition);
             point = dual(&here);
             if best.value - point.value > 0.1 * ambition * best.value.abs() {
@@ -131,9 +137,10 @@ mod tests {
             iterations: 500,
             ambition: 0.1,
             least_ambition: 1e-7,
+            enough: f64::NEG_INFINITY,
             free_sign: false,
         };
         let mut multipliers = vec![3.0, 2.0];
-        assert!(descent.run(&mut multipliers, dual) < 10.0 + 1e-3);
+        assert!(descent.run(&mut multipliers, dual, || false) < 10.0 + 1e-3);
     }
 }

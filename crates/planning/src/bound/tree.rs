@@ -6,9 +6,9 @@
 //! that slot makes the mixture inadmissible in both leaves. Branching tightens the bound and, more
 //! importantly, leads the search to missions that a single vector of prices does not find.
 
-use firmware_core::{Mission, Position};
+use firmware_core::Position;
 
-use super::{level::Level, multipliers::Descent, rates::RateBound};
+use super::{bundle::Bundle, level::Level, multipliers::Descent, table::RateTable};
 
 /// A subset of the missions, and what is known about it.
 #[derive(Clone, Debug)]
@@ -19,9 +19,31 @@ pub(crate) struct Leaf {
     pub(crate) value: f64,
     /// The best paths at prices near the best prices, those with the smallest dual value first.
     pub(crate) paths: Vec<Vec<Position<f64>>>,
-    /// Whether the paths were found to agree, so that the leaf cannot be branched.
-    pub(crate) agreed: bool,
+    /// How much the bound fell by the last branchings, relative to the bound and weighted; at first,
+    /// and after its cells were split, what the cells cost.
+    pub(crate) branching_gain: f64,
+    /// The number of comparisons that solving the leaf took.
+    pub(crate) work: usize,
 }
+
+/// How prices are found.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum PriceSearch {
+    Descent(Descent),
+    Bundle(Bundle),
+}
+
+impl PriceSearch {
+    fn evaluations(&self) -> usize {
+        match self {
+            Self::Descent(descent) => descent.iterations,
+            Self::Bundle(bundle) => bundle.evaluations,
+        }
+    }
+}
+
+/// Returns whether the caller wants a computation to end.
+pub(crate) type Stop<'a> = dyn Fn() -> bool + Sync + 'a;
 
 /// The number of paths that are stored per leaf.
 const PATHS_KEPT: usize = 16;
@@ -36,30 +58,39 @@ struct Branching {
 
 impl Leaf {
     /// Finds prices for a level's missions, starting from `multipliers`, and drops the cells from
-    /// which `lower` cannot be reached.
+    /// which `lower` cannot be reached. Ends early, with a valid bound, when `stop` returns true.
     pub(crate) fn solve(
         mut level: Level,
+        table: &RateTable,
         mut multipliers: Vec<f64>,
-        descent: &Descent,
+        search: &PriceSearch,
         lower: f64,
+        stop: &Stop<'_>,
     ) -> Self {
         let mut seen: Vec<(f64, Vec<Position<f64>>)> = Vec::new();
-        if descent.iterations > 0 {
-            descent.run(&mut multipliers, |multipliers| {
-                let (point, path) = level.dual(multipliers);
+        if search.evaluations() > 0 {
+            let rated = level.with_rates(table);
+            let dual = |multipliers: &[f64]| {
+                let (point, path) = rated.dual(multipliers);
                 seen.push((point.value, path));
                 point
-            });
+            };
+            match search {
+                PriceSearch::Descent(descent) => descent.run(&mut multipliers, dual, stop),
+                PriceSearch::Bundle(bundle) => bundle.run(&mut multipliers, dual, stop),
+            };
         }
         seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let work = (seen.len() + 2) * level.pass_cost();
         seen.truncate(PATHS_KEPT);
-        let value = level.prune(&multipliers, lower);
+        let value = level.prune(table, &multipliers, lower);
         Self {
             level,
             multipliers,
             value,
             paths: seen.into_iter().map(|(_, path)| path).collect(),
-            agreed: false,
+            branching_gain: 0.0,
+            work,
         }
     }
 
@@ -102,14 +133,5 @@ impl Leaf {
             }
         }
         widest.1
-    }
-
-    /// Returns the leaf's missions over cells of half the side.
-    pub(crate) fn split<const M: usize, const J: usize>(
-        &self,
-        mission: &Mission<f64, M, J>,
-        bound: &RateBound<'_, M, J>,
-    ) -> Level {
-        self.level.split(mission, bound)
     }
 }

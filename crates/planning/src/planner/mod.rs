@@ -5,7 +5,7 @@
 
 pub mod ground_control;
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use firmware_core::{
     Mission, Position, SENSORS_MAX, USERS_MAX,
@@ -15,12 +15,16 @@ use serde::Serialize;
 
 use scenario::PlaceRates;
 
+use crate::search::Plan;
+
 /// The planner on the host: at the default capacities, with memory from the heap.
 pub type HostPlanner = Planner<f64, (Vec<f64>, Vec<u8>), USERS_MAX, SENSORS_MAX>;
 
 /// The number of operations after which planning stops. Missions of 90 slots need about 2 x 10^9
 /// operations. A mission of thousands of slots would take minutes.
 const OPERATIONS_MAX: u64 = 20_000_000_000;
+/// The number of operations between two looks at the clock: about 1 ms.
+const OPERATIONS_PER_STEP: u64 = 5_000_000;
 /// The number of operations between two reports of progress: about 20 ms.
 const OPERATIONS_PER_REPORT: u64 = 100_000_000;
 /// The number of operations that the policy may spend on a slot in flight: about 5 ms.
@@ -60,6 +64,16 @@ pub struct PlannedMission {
     pub users: Vec<usize>,
 }
 
+impl From<PlannedMission> for Plan {
+    fn from(planned: PlannedMission) -> Self {
+        Self {
+            waypoints: planned.waypoints,
+            users: planned.users,
+            sum_rate: planned.sum_rate,
+        }
+    }
+}
+
 /// Creates a planner for a mission. The planner has not done any work yet.
 ///
 /// # Errors
@@ -85,19 +99,35 @@ fn capacity(mission: &Mission<f64, USERS_MAX, SENSORS_MAX>) -> Capacity {
 
 /// Runs the planner until nothing is left to do, or up to 2 x 10^10 operations (some seconds).
 /// Calls `progress` every 20 ms. Returns the number of operations.
-pub fn finish(planner: &mut HostPlanner, mut progress: impl FnMut(&PlanProgress)) -> u64 {
+pub fn finish(planner: &mut HostPlanner, progress: impl FnMut(&PlanProgress)) -> u64 {
+    finish_within(planner, Duration::MAX, progress)
+}
+
+/// As [`finish`], and stops when `time` has passed. The last step may take some milliseconds longer,
+/// so the plan that is found depends on the speed of the machine.
+pub fn finish_within(
+    planner: &mut HostPlanner,
+    time: Duration,
+    mut progress: impl FnMut(&PlanProgress),
+) -> u64 {
+    let started = Instant::now();
     let mut operations = 0;
-    loop {
-        let advanced = planner.advance(OPERATIONS_PER_REPORT);
+    let mut reported = 0;
+    while operations < OPERATIONS_MAX && started.elapsed() < time {
+        let advanced = planner.advance(OPERATIONS_PER_STEP);
         operations += advanced.operations;
-        if advanced.finished || operations >= OPERATIONS_MAX {
-            return operations;
+        if advanced.finished {
+            break;
         }
-        progress(&PlanProgress {
-            value: planner.value(),
-            upper_estimate: planner.upper_estimate(),
-        });
+        if operations - reported >= OPERATIONS_PER_REPORT {
+            reported = operations;
+            progress(&PlanProgress {
+                value: planner.value(),
+                upper_estimate: planner.upper_estimate(),
+            });
+        }
     }
+    operations
 }
 
 /// Plans a whole mission. Calls `progress` every 20 ms.
@@ -108,9 +138,21 @@ pub fn plan(
     mission: &Mission<f64, USERS_MAX, SENSORS_MAX>,
     progress: impl FnMut(&PlanProgress),
 ) -> Result<PlannedMission, PlannerError> {
+    plan_within(mission, Duration::MAX, progress)
+}
+
+/// As [`plan`], and stops when `time` has passed, as [`finish_within`] does.
+///
+/// # Errors
+/// Returns an error if the mission has more slots or users than a planner supports.
+pub fn plan_within(
+    mission: &Mission<f64, USERS_MAX, SENSORS_MAX>,
+    time: Duration,
+    progress: impl FnMut(&PlanProgress),
+) -> Result<PlannedMission, PlannerError> {
     let started = Instant::now();
     let mut planner = new_planner(mission)?;
-    let operations = finish(&mut planner, progress);
+    let operations = finish_within(&mut planner, time, progress);
     let seconds = started.elapsed().as_secs_f64();
     let mut place_rates = PlaceRates::new(mission);
     let mut row = [0.0; USERS_MAX];

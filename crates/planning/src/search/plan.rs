@@ -88,4 +88,13 @@ impl<const M: usize> Policy<f64, M> for SearchPolicy {
             user_scores: scores.collect(),
         }
     }
+
+    /// The plan is kept; the shield sees to what a change demands.
+    fn revise(&mut self, _: &firmware_core::mission::MissionChange<f64>, _: u32) {}
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {
+        None
+    }
 }

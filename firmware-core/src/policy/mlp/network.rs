@@ -5,7 +5,8 @@ use core::fmt;
 use heapless::Vec;
 
 use super::format::{CHECKSUM, FORMAT_VERSION, Header, LoadError, MAGIC, PREAMBLE, WIDTH_MAX};
-use crate::policy::{Action, Observation, Policy, Provenance};
+use crate::mission::MissionChange;
+use crate::policy::{Action, Observation, PlanQuality, Policy, Provenance};
 use crate::scalar::{Displacement, Scalar};
 
 /// The largest difference from its test vector that a policy may have, as a fraction of full scale.
@@ -181,6 +182,15 @@ impl<T: Scalar, B: AsRef<[u8]>, const M: usize> Policy<T, M> for Mlp<B> {
             displacement: Displacement::new(number(&outputs[0]), number(&outputs[1])),
             user_scores: outputs[2..].iter().take(M).map(number).collect(),
         }
+    }
+
+    /// A trained policy cannot use a change.
+    fn revise(&mut self, _: &MissionChange<T>, _: u32) {}
+
+    fn improve(&mut self, _: u64) {}
+
+    fn quality(&self) -> Option<PlanQuality> {
+        None
     }
 }
 

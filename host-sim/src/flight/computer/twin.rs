@@ -4,7 +4,10 @@ use std::{io, sync::Arc};
 
 use firmware_core::{
     autopilot::Phase,
-    console::{BoardComputer, MissionOrder},
+    console::{
+        BoardComputer, BoardPlanner, MissionOrder, OrderError, PLANNER_CAPACITY, PolicyKind,
+        board_planner,
+    },
     onboard::Stage,
     policy::mlp::Mlp,
     time::Instant,
@@ -13,10 +16,13 @@ use firmware_core::{
 use super::{ComputerState, Notice, OnboardComputer, Round, RoundInput};
 use crate::flight::{outcome::FlightError, reason, stopwatch::Stopwatch};
 
+/// The planner of a board, with memory from the heap.
+type TwinPlanner = BoardPlanner<(Vec<f32>, Vec<u8>)>;
+
 /// The computer of a board, in this process.
 #[derive(Debug)]
 pub struct Twin {
-    computer: Box<BoardComputer<Arc<[u8]>>>,
+    computer: Box<BoardComputer<Arc<[u8]>, TwinPlanner>>,
     stop_asked: bool,
     /// The reason why the mission was aborted, as it was known then.
     aborted_because: Option<String>,
@@ -30,15 +36,28 @@ impl Twin {
     pub fn new(order: &MissionOrder, policy: Option<Arc<[u8]>>) -> Result<Self, String> {
         let trained = policy.map(Mlp::load).transpose();
         let trained = trained.map_err(|error| error.to_string())?;
-        let computer = order.build(trained.as_ref());
+        let planner = match order.policy_kind {
+            PolicyKind::Plan => Some(planner(order).map_err(|refusal| refusal.to_string())?),
+            PolicyKind::Trained | PolicyKind::StraightLine => None,
+        };
+        let computer = order.build(trained.as_ref(), planner);
         let mut computer = computer.map_err(|refusal| refusal.to_string())?;
-        computer.autopilot_mut().launch(Instant::ZERO);
+        computer.launch(Instant::ZERO);
         Ok(Self {
             computer: Box::new(computer),
             stop_asked: false,
             aborted_because: None,
         })
     }
+}
+
+/// Creates the planner for an order.
+fn planner(order: &MissionOrder) -> Result<TwinPlanner, OrderError> {
+    let numbers = vec![0.0; PLANNER_CAPACITY.values()];
+    let bytes = vec![0; PLANNER_CAPACITY.indices()];
+    let mut place = None;
+    board_planner(&mut place, &order.check()?, (numbers, bytes))?;
+    place.ok_or(OrderError::NoPlanner)
 }
 
 impl OnboardComputer for Twin {
