@@ -89,6 +89,9 @@ pub mod planner;
 pub mod policy;
 pub mod scalar;
 pub mod shield;
+// `test_missions` names the crate as the tests in `tests/` do.
+#[cfg(test)]
+extern crate self as firmware_core;
 #[cfg(test)]
 mod test_missions;
 pub mod time;

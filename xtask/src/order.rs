@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use anyhow::{Context, Result};
 use firmware_core::{
-    autopilot::guidance::Limits,
+    MotionLimits,
     console::{
         CONSOLE_FRAME_MAX, Call, Clock, MissionOrder, PolicyKind, encode_call, in_single_precision,
     },
@@ -25,7 +25,7 @@ pub(crate) fn write(to: &Path) -> Result<()> {
     let order = MissionOrder {
         mission: in_single_precision(scenario.mission.parameters()),
         map_origin: scenario.map_origin(),
-        limits: Limits::ideal(),
+        limits: MotionLimits::ideal(),
         geofence: None,
         ground_patience: None,
         policy_kind: PolicyKind::Plan,

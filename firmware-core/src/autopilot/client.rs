@@ -185,7 +185,7 @@ impl<T: Scalar> Autopilot<T> {
     /// Returns an error if a limit is not above zero.
     pub fn set_limits(&mut self, limits: MotionLimits<T>) -> Result<(), SettingsError> {
         if !limits.is_valid() {
-            return Err(SettingsError::MotionLimits);
+            return Err(SettingsError::Limits);
         }
         if matches!(
             self.phase(),

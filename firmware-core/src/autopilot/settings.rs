@@ -187,7 +187,7 @@ pub enum SettingsError {
     },
     /// A limit is not above zero.
     #[error("limits must be above 0 (infinite is allowed)")]
-    MotionLimits,
+    Limits,
 }
 
 impl<T: Scalar> AutopilotSettings<T> {
@@ -258,7 +258,7 @@ impl<T: Scalar> AutopilotSettings<T> {
             return Err(SettingsError::SetpointInterval { micros });
         }
         if !self.limits.is_valid() {
-            return Err(SettingsError::MotionLimits);
+            return Err(SettingsError::Limits);
         }
         let (x, y) = (self.start.x.to_f64(), self.start.y.to_f64());
         let finite = self.start.coords.map(|c| c.finite()) == Vector2::new(true, true);

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use nalgebra::Vector2;
 
 use super::*;
+use crate::limits::MotionLimits;
 use crate::scalar::Position;
 use crate::time::{Duration, Instant};
 

@@ -11,6 +11,7 @@ use proptest::prelude::*;
 use super::layout::{SIGNATURE, START};
 use super::signing::{Signer, SigningKey, Verifier};
 use super::*;
+use crate::counter::MavlinkCounters;
 
 const OWN: Address = Address {
     system: 7,
