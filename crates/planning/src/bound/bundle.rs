@@ -33,6 +33,10 @@ struct Cut {
 
 /// The part of the promised decrease that moves the center.
 const SERIOUS: f64 = 0.1;
+/// The factor of the step where the cuts promise too little within it.
+const RECOVERY: f64 = 8.0;
+/// The step, relative to the first one, at which the descent ends if the cuts promise too little.
+const LARGEST_STEP: f64 = 1e4;
 /// The largest number of exchanges of weight in one proximal problem.
 const EXCHANGES: usize = 400;
 
@@ -62,6 +66,7 @@ impl Bundle {
             return best;
         }
         let mut step = self.first_step * best.abs() / length;
+        let largest_step = LARGEST_STEP * step;
         let mut cuts = vec![cut(&point, multipliers, 1.0)];
         let mut nulls = 0;
         for _ in 1..self.evaluations {
@@ -75,7 +80,12 @@ impl Bundle {
                 .fold(f64::MIN, f64::max);
             let promised = best - model;
             if promised <= self.accuracy * best.abs() {
-                break;
+                // A short step promises little, whatever the cuts say of prices further away.
+                if step >= largest_step {
+                    break;
+                }
+                step = (step * RECOVERY).min(largest_step);
+                continue;
             }
             let point = dual(&next);
             cuts.push(cut(&point, &next, 0.0));
@@ -206,6 +216,35 @@ mod tests {
             assert!(free_sign || multipliers.iter().all(|&price| price >= 0.0));
             assert!(first > 105.0 && best < 100.5, "{first} {best}");
         }
+    }
+
+    /// The dual function falls steeply at first and then slowly along a valley: the short step that
+    /// the steep wall asks for does not end the descent.
+    #[test]
+    fn a_short_step_does_not_end_the_descent() {
+        let dual = |at: &[f64]| {
+            let planes = [
+                (1000.0 * at[0], vec![1000.0, 0.0]),
+                (-1000.0 * at[0], vec![-1000.0, 0.0]),
+                (1.0 - at[1], vec![0.0, -1.0]),
+                (at[1] - 1.0, vec![0.0, 1.0]),
+            ];
+            let highest = planes.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+            let (rise, subgradient) = highest.expect("planes");
+            DualPoint {
+                value: 100.0 + rise,
+                subgradient,
+            }
+        };
+        let bundle = Bundle {
+            evaluations: 100,
+            first_step: 0.01,
+            accuracy: 1e-3,
+            enough: f64::NEG_INFINITY,
+            free_sign: true,
+        };
+        let best = bundle.run(&mut vec![5.0, -20.0], dual, || false);
+        assert!(best < 100.2, "{best}");
     }
 
     /// A descent that is stopped, or whose value is small enough, has evaluated once.
