@@ -10,9 +10,10 @@ use serde_json::{Value, json};
 use crate::{
     build::{self, BuildArguments, Images},
     elf::Sizes,
+    figure::{Figure, printed},
     hil::{self, Flight},
     order, planner,
-    qemu::{self, Board},
+    qemu::Board,
     tools::Compiler,
 };
 
@@ -33,19 +34,6 @@ pub(crate) struct BenchArguments {
     /// Store the measured figures as the new baseline
     #[arg(long)]
     accept: bool,
-}
-
-/// One figure of the table.
-#[derive(Debug, Default)]
-pub(crate) struct Figure {
-    pub(crate) name: &'static str,
-    pub(crate) unit: &'static str,
-    pub(crate) value: u64,
-    /// The mean over all slots, if there are any.
-    pub(crate) mean: Option<u64>,
-    pub(crate) aim: Option<u64>,
-    /// The largest value with which the benchmark succeeds.
-    pub(crate) limit: Option<u64>,
 }
 
 /// The parts of a slot as the bench names them, their descriptions, and their largest allowed cost.
@@ -123,26 +111,6 @@ fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
             })
         })
         .collect()
-}
-
-/// Returns the lines that a bench prints, by the names of their parts.
-pub(crate) fn printed(root: &Path, image: &Path) -> Result<BTreeMap<String, Value>> {
-    let output = qemu::run_to_end(root, image)?;
-    let said = String::from_utf8(output.stdout)?;
-    ensure!(
-        output.status.success(),
-        "the bench ended with {}: {said}",
-        output.status
-    );
-    let mut lines = BTreeMap::new();
-    for line in said.lines() {
-        let line: Value = serde_json::from_str(line).with_context(|| line.to_owned())?;
-        let name = line["part"]
-            .as_str()
-            .context("the bench printed a line without a part")?;
-        lines.insert(name.to_owned(), line);
-    }
-    Ok(lines)
 }
 
 /// Returns the flash usage from the ELF file and the stack usage from a flight.

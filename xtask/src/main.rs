@@ -8,6 +8,7 @@ mod bench;
 mod build;
 mod elf;
 mod faults;
+mod figure;
 mod flights;
 mod hil;
 mod order;

@@ -6,8 +6,8 @@ use std::{fs, path::Path};
 use anyhow::{Context, Result};
 
 use crate::{
-    bench::{Figure, printed},
     build::Images,
+    figure::{Figure, printed},
     order,
 };
 

@@ -8,12 +8,13 @@ use firmware_core::Mission;
 use rayon::prelude::*;
 
 use super::{
-    BoundError, BoundProgress, BoundSettings,
     bundle::Bundle,
+    error::BoundError,
     grid::Grid,
     level::Level,
     multipliers::Descent,
     rates::{RATE_ROUNDING, RateBound},
+    settings::{BoundProgress, BoundSettings},
     table::RateTable,
     tree::{Leaf, PriceSearch, Stop},
     window::Window,

@@ -16,11 +16,13 @@
 mod bundle;
 mod certifier;
 mod disc;
+mod error;
 mod grid;
 mod level;
 mod multipliers;
 mod rates;
 mod reach;
+mod settings;
 mod table;
 mod tree;
 mod tube;
@@ -33,49 +35,11 @@ use serde::Serialize;
 
 use crate::search::Plan;
 use certifier::Certifier;
+use error::no_room;
 use rates::RateBound;
 
-/// When a certification stops.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BoundSettings {
-    /// The gap at which it stops, relative to the upper bound.
-    pub gap: f64,
-    /// The smallest side to which cells are split, metres.
-    pub finest_cell_m: f64,
-    /// The largest number of leaves that the missions are divided into.
-    pub leaves_max: usize,
-    /// The largest number of pairs of slot and cell that one leaf may store. It bounds the memory:
-    /// about 10 bytes per pair while the leaf is processed, and 1 byte while it waits.
-    pub pairs_max: usize,
-    /// The number of comparisons of single numbers after which nothing is divided further. It bounds
-    /// the time: about 10^9 take a second of one processor.
-    pub work_max: usize,
-}
-
-impl Default for BoundSettings {
-    fn default() -> Self {
-        Self {
-            gap: 0.005,
-            finest_cell_m: 0.2,
-            leaves_max: 4000,
-            pairs_max: 40_000_000,
-            work_max: 100_000_000_000,
-        }
-    }
-}
-
-/// The progress of a certification.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BoundProgress {
-    /// The side of the present cells, metres.
-    pub cell_m: f64,
-    /// The number of leaves that the missions are divided into.
-    pub leaves: usize,
-    /// The best upper bound so far, bit/s/Hz.
-    pub upper: f64,
-    /// The value of the best mission so far, bit/s/Hz.
-    pub lower: f64,
-}
+pub use error::BoundError;
+pub use settings::{BoundProgress, BoundSettings};
 
 /// The result of a certification.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -104,44 +68,6 @@ impl Bound {
     pub fn carries_nothing(&self) -> bool {
         self.lower == 0.0 && self.gap == 0.0
     }
-}
-
-/// Error returned when a mission cannot be bounded.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum BoundError {
-    /// The mission has too many slots, or its area is too large for its speed.
-    #[error(
-        "the mission has more than {pairs_max} pairs of slot and cell already at cells of \
-         {cell_m} m; use fewer slots, a smaller area or a higher speed"
-    )]
-    TooLarge {
-        /// The largest number of pairs that is allowed.
-        pairs_max: usize,
-        /// The side of the largest cells, metres.
-        cell_m: f64,
-    },
-    /// The mission has more slots than the optimal assignment of users to slots supports.
-    #[error(
-        "the mission has {slots} slots, but the bound supports at most {max}, because the time to assign users is cubic in the slots"
-    )]
-    TooManySlots {
-        /// The number of slots, `N`.
-        slots: u32,
-        /// The largest number that is allowed.
-        max: u32,
-    },
-    /// The destination can only be reached on the straight line at full speed, so there is nothing
-    /// to plan.
-    #[error(
-        "the destination is {distance_m} m from the start, and at most {reach_m} m can be flown: \
-         only the straight path is possible, so there is nothing to search"
-    )]
-    StraightPathOnly {
-        /// The distance from start to destination, metres.
-        distance_m: f64,
-        /// The largest distance that can be flown, `(N + 1) V_max delta`, metres.
-        reach_m: f64,
-    },
 }
 
 /// The work of [`search`], as [`BoundSettings::work_max`].
@@ -227,12 +153,4 @@ pub fn fairness_prices<const M: usize, const J: usize>(
     )
     .whole()?;
     Ok(leaf.multipliers)
-}
-
-fn no_room<const M: usize, const J: usize>(mission: &Mission<f64, M, J>) -> BoundError {
-    let p = mission.parameters();
-    BoundError::StraightPathOnly {
-        distance_m: (p.destination - p.start).norm(),
-        reach_m: f64::from(mission.slots() + 1) * mission.reach_m(),
-    }
 }
