@@ -20,16 +20,13 @@ use firmware::{
 };
 use firmware_core::{
     Displacement, Position, PowerGain, SENSORS_MAX, USERS_MAX, Watt,
-    autopilot::{
-        Tick,
-        wire::{self, Address, Encoder, MAX_FRAME},
-    },
+    autopilot::wire::{self, Address, Encoder, MAX_FRAME},
     console::BoardMission,
     controller::{ChannelState, Controller},
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
     mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters},
     policy::{Action, Observation, PlanQuality, Policy, mlp::Mlp},
-    time::Instant,
+    time::{Instant, Tick},
 };
 use mavlink::dialects::common::{
     LOCAL_POSITION_NED_DATA, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA,
