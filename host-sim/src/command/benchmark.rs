@@ -342,26 +342,26 @@ const COLUMNS: [(&str, &str); 12] = [
 
 /// Returns the cells of a policy's row, one for each of [`COLUMNS`].
 fn cells(row: &PolicyStatistics) -> [String; COLUMNS.len()] {
-    let fraction = |value: f64| {
+    let number = |value: f64, decimals: usize| {
         if value.is_nan() {
             "-".to_owned()
         } else {
-            format!("{value:.4}")
+            format!("{value:.decimals$}")
         }
     };
     [
         row.policy.clone(),
         row.flown.to_string(),
         row.counted.to_string(),
-        fraction(row.mean),
-        fraction(row.quantile_5),
-        fraction(row.worst),
-        fraction(row.reference_mean),
+        number(row.mean, 4),
+        number(row.quantile_5, 4),
+        number(row.worst, 4),
+        number(row.reference_mean, 4),
         row.violations.to_string(),
         row.inaccurate_slots.to_string(),
-        format!("{:.3}", row.preparation_median_s),
-        format!("{:.3}", row.preparation_max_s),
-        format!("{:.1}", row.decision_median_us),
+        number(row.preparation_median_s, 3),
+        number(row.preparation_max_s, 3),
+        number(row.decision_median_us, 1),
     ]
 }
 
