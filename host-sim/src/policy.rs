@@ -39,8 +39,6 @@ pub enum PolicyChoice {
     Search,
     /// The onboard planner, which plans before take-off and re-plans in flight.
     Plan,
-    /// The onboard planner, which plans before take-off for at most this time.
-    PlanWithin(Duration),
     /// The plan that [`PolicyChoice::Plan`] has before take-off, after at most this time, flown as it
     /// is: nothing is re-planned or improved in flight.
     PlanOnce(Option<Duration>),
@@ -64,9 +62,6 @@ impl FromStr for PolicyChoice {
             "plan" => Ok(Self::Plan),
             "plan-once" => Ok(Self::PlanOnce(None)),
             _ => {
-                if let Some(seconds) = text.strip_prefix("plan:") {
-                    return planning_time(seconds).map(Self::PlanWithin);
-                }
                 if let Some(seconds) = text.strip_prefix("plan-once:") {
                     return planning_time(seconds).map(|time| Self::PlanOnce(Some(time)));
                 }
@@ -76,7 +71,7 @@ impl FromStr for PolicyChoice {
                     Some("csv" | "plan") => Ok(Self::Waypoints(path)),
                     _ if path.is_dir() => Ok(Self::Trained(path)),
                     _ => Err(
-                        "must be shipped, plan, plan:SECONDS, plan-once, plan-once:SECONDS, straight-line, fixed, search, \
+                        "must be shipped, plan, plan-once, plan-once:SECONDS, straight-line, fixed, search, \
                          a file that ends in .onnx, .policy, .csv or .plan, or a directory of .onnx files"
                             .into(),
                     ),
@@ -91,7 +86,7 @@ fn planning_time(text: &str) -> Result<Duration, String> {
     let seconds: Option<f64> = text.parse().ok();
     let seconds = seconds.filter(|seconds| (0.0..=3600.0).contains(seconds));
     let time = seconds.map(Duration::from_secs_f64);
-    time.ok_or_else(|| format!("{text}: the time of planning must be 0 to 3600 seconds"))
+    time.ok_or_else(|| format!("the time of planning is {text}, but must be 0 to 3600 seconds"))
 }
 
 impl fmt::Display for PolicyChoice {
@@ -102,7 +97,6 @@ impl fmt::Display for PolicyChoice {
             Self::Fixed => f.write_str("fixed"),
             Self::Search => f.write_str("search"),
             Self::Plan => f.write_str("plan"),
-            Self::PlanWithin(time) => write!(f, "plan:{}", time.as_secs_f64()),
             Self::PlanOnce(None) => f.write_str("plan-once"),
             Self::PlanOnce(Some(time)) => write!(f, "plan-once:{}", time.as_secs_f64()),
             // Records contain only the file's name, because its directory does not affect its decisions.
@@ -269,16 +263,10 @@ impl HostPolicy {
                     .map_err(|error| error.to_string())?;
                 Self::Search(SearchPolicy::new(plan))
             }
-            PolicyChoice::Plan | PolicyChoice::PlanWithin(_) => {
-                let time = match choice {
-                    PolicyChoice::PlanWithin(time) => *time,
-                    _ => Duration::MAX,
-                };
+            PolicyChoice::Plan => {
                 let mut planner =
                     planner::new_planner(mission).map_err(|error| error.to_string())?;
-                planner::finish_within(&mut planner, time, |step| {
-                    progress(LoadProgress::Plan(step));
-                });
+                planner::finish(&mut planner, |step| progress(LoadProgress::Plan(step)));
                 Self::Plan(Box::new(planner))
             }
             PolicyChoice::PlanOnce(time) => {

@@ -2,6 +2,7 @@
 //! fractions of certified bounds.
 
 use std::{
+    array,
     collections::BTreeSet,
     fs::{self, File},
     io::Write,
@@ -68,13 +69,31 @@ pub(crate) struct BenchmarkArguments {
 }
 
 impl BenchmarkArguments {
+    /// Returns the name of the table: the vehicle's profile, or that of the missions that change.
+    fn table_name(&self) -> String {
+        match self.changes {
+            Some(_) => "benchmark changes".into(),
+            None => format!("benchmark {}", self.profile),
+        }
+    }
+
+    /// Checks that the document can take the table.
+    fn check_document(&self) -> Result<(), Failure> {
+        let Some(path) = &self.document else {
+            return Ok(());
+        };
+        let named = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
+        let document = fs::read_to_string(path).map_err(|error| named(error.to_string()))?;
+        figures::document::with_table(&document, &self.table_name(), "").map_err(named)?;
+        Ok(())
+    }
+
     /// Writes the table into the document, if there is one.
-    fn write_document(&self, name: &str, table: &str) -> Result<(), Failure> {
+    fn write_document(&self, table: &str) -> Result<(), Failure> {
         let Some(document) = &self.document else {
             return Ok(());
         };
-        figures::document::write_table(document, &format!("benchmark {name}"), table)
-            .map_err(Failure::failed)
+        figures::document::write_table(document, &self.table_name(), table).map_err(Failure::failed)
     }
 }
 
@@ -92,6 +111,8 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     if arguments.certify {
         return pool.install(|| certify(arguments, &scenarios, bounds));
     }
+    // Found now rather than after the flights.
+    arguments.check_document()?;
     let default = vec![PolicyChoice::Plan, PolicyChoice::StraightLine];
     let policies = if arguments.policy.is_empty() {
         &default
@@ -113,14 +134,23 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
             statistics(&policy.to_string(), &reference, &flights, &bounds)
         })
         .collect();
-    arguments.write_document(&arguments.profile.to_string(), &document_table(&found))?;
+    let rows: Vec<_> = found.iter().map(cells).collect();
+    arguments.write_document(&document_table(COLUMNS, &rows, 1))?;
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer_pretty(&mut out, &found).map_err(Failure::failed)?;
         writeln!(out)?;
         return Ok(());
     }
-    write!(out, "{}", table(&found))?;
+    writeln!(
+        out,
+        "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %",
+        100.0 * benchmark::COUNTED_GAP
+    )?;
+    write!(out, "{}", terminal_table(COLUMNS, &rows, 1))?;
+    for row in found.iter().filter(|row| row.refused > 0) {
+        writeln!(out, "{} does not fit {} missions", row.policy, row.refused)?;
+    }
     Ok(())
 }
 
@@ -147,15 +177,22 @@ fn fly_changes(
         })
         .collect();
     bar.finish_and_clear();
-    let rows = change_rows(&flights, policies);
-    arguments.write_document("changes", &document_change_table(&rows))?;
+    let rows: Vec<_> = change_rows(&flights, policies)
+        .iter()
+        .map(change_cells)
+        .collect();
+    arguments.write_document(&document_table(CHANGE_COLUMNS, &rows, 2))?;
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer_pretty(&mut out, &flights).map_err(Failure::failed)?;
         writeln!(out)?;
         return Ok(());
     }
-    write!(out, "{}", change_table(&rows))?;
+    writeln!(
+        out,
+        "fraction of a plan that knew the change from the start"
+    )?;
+    write!(out, "{}", terminal_table(CHANGE_COLUMNS, &rows, 2))?;
     Ok(())
 }
 
@@ -168,46 +205,25 @@ fn change_rows(flights: &[ChangeFlight], policies: &[PolicyChoice]) -> Vec<Chang
         .collect()
 }
 
-fn change_title(row: &ChangeStatistics) -> &'static str {
-    row.kind.map_or("all of these", EventKind::title)
-}
+/// The columns of the table of changes.
+const CHANGE_COLUMNS: [&str; 6] = [
+    "at mid-mission",
+    "policy",
+    "flown",
+    "mean",
+    "worst",
+    "violated",
+];
 
-fn change_table(rows: &[ChangeStatistics]) -> String {
-    let mut text = format!(
-        "fraction of a plan that knew the change from the start\n{:<42} {:<14} {:>6} {:>7} {:>7} {:>8}\n",
-        "at mid-mission", "policy", "flown", "mean", "worst", "violated"
-    );
-    for row in rows {
-        text += &format!(
-            "{:<42} {:<14} {:>6} {:>7.4} {:>7.4} {:>8}\n",
-            change_title(row),
-            row.policy,
-            row.flown,
-            row.mean,
-            row.worst,
-            row.violations
-        );
-    }
-    text
-}
-
-/// Returns the table of changes for a document, in Markdown.
-fn document_change_table(rows: &[ChangeStatistics]) -> String {
-    let mut text = String::from(
-        "| at mid-mission | policy | flown | mean | worst | constraints violated |\n|---|---|--:|--:|--:|--:|\n",
-    );
-    for row in rows {
-        text += &format!(
-            "| {} | {} | {} | {:.4} | {:.4} | {} |\n",
-            change_title(row),
-            row.policy,
-            row.flown,
-            row.mean,
-            row.worst,
-            row.violations
-        );
-    }
-    text
+fn change_cells(row: &ChangeStatistics) -> [String; CHANGE_COLUMNS.len()] {
+    [
+        row.kind.map_or("all of these", EventKind::title).to_owned(),
+        row.policy.clone(),
+        row.flown.to_string(),
+        number(row.mean, 4),
+        number(row.worst, 4),
+        row.violations.to_string(),
+    ]
 }
 
 fn bar(length: usize) -> ProgressBar {
@@ -324,31 +340,23 @@ fn fly(
     Ok(known.into_iter().filter(own).chain(flown?).collect())
 }
 
-/// The columns of the table: the headings on the terminal and in a document.
-const COLUMNS: [(&str, &str); 12] = [
-    ("policy", "policy"),
-    ("flown", "flown"),
-    ("counted", "counted"),
-    ("mean", "mean"),
-    ("5 %", "5 % quantile"),
-    ("worst", "worst"),
-    ("reference", "first policy on the same missions"),
-    ("violated", "constraints violated"),
-    ("inaccurate", "slots above Gamma"),
-    ("prepare s", "preparation, median, s"),
-    ("at most", "at most, s"),
-    ("decide us", "decision, median, us"),
+/// The columns of the table of policies.
+const COLUMNS: [&str; 12] = [
+    "policy",
+    "flown",
+    "counted",
+    "mean",
+    "5 %",
+    "worst",
+    "reference",
+    "violated",
+    "inaccurate",
+    "prepare s",
+    "at most",
+    "decide us",
 ];
 
-/// Returns the cells of a policy's row, one for each of [`COLUMNS`].
 fn cells(row: &PolicyStatistics) -> [String; COLUMNS.len()] {
-    let number = |value: f64, decimals: usize| {
-        if value.is_nan() {
-            "-".to_owned()
-        } else {
-            format!("{value:.decimals$}")
-        }
-    };
     [
         row.policy.clone(),
         row.flown.to_string(),
@@ -365,42 +373,52 @@ fn cells(row: &PolicyStatistics) -> [String; COLUMNS.len()] {
     ]
 }
 
-fn table(found: &[PolicyStatistics]) -> String {
-    let rows: Vec<_> = found.iter().map(cells).collect();
-    let mut text = format!(
-        "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %\n",
-        100.0 * benchmark::COUNTED_GAP
-    );
-    let headings = COLUMNS.map(|(heading, _)| heading.to_owned());
-    let widths: Vec<usize> = (0..COLUMNS.len())
-        .map(|column| {
-            let cells = rows.iter().chain([&headings]).map(|row| row[column].len());
-            cells.max().unwrap_or(0)
-        })
-        .collect();
-    for row in [&headings].into_iter().chain(&rows) {
-        text += &format!("{:<width$}", row[0], width = widths[0]);
-        for (cell, width) in row.iter().zip(&widths).skip(1) {
-            text += &format!("  {cell:>width$}");
+/// Formats a number, or a dash where there is none.
+fn number(value: f64, decimals: usize) -> String {
+    if value.is_nan() {
+        "-".to_owned()
+    } else {
+        format!("{value:.decimals$}")
+    }
+}
+
+/// Returns a table for the terminal. The first `words` columns are aligned to the left.
+fn terminal_table<const N: usize>(
+    columns: [&str; N],
+    rows: &[[String; N]],
+    words: usize,
+) -> String {
+    let headings = columns.map(str::to_owned);
+    let lines = || [&headings].into_iter().chain(rows);
+    let widths: [usize; N] = array::from_fn(|column| {
+        let cells = lines().map(|row| row[column].len());
+        cells.max().unwrap_or(0)
+    });
+    let mut text = String::new();
+    for row in lines() {
+        for (column, (cell, width)) in row.iter().zip(widths).enumerate() {
+            let gap = if column == 0 { "" } else { "  " };
+            text += &if column < words {
+                format!("{gap}{cell:<width$}")
+            } else {
+                format!("{gap}{cell:>width$}")
+            };
         }
         text.push('\n');
-    }
-    for row in found.iter().filter(|row| row.refused > 0) {
-        text += &format!("{} does not fit {} missions\n", row.policy, row.refused);
     }
     text
 }
 
-/// Returns the table for a document, in Markdown.
-fn document_table(found: &[PolicyStatistics]) -> String {
-    let headings = COLUMNS.map(|(_, heading)| heading);
-    let mut text = format!(
-        "| {} |\n|---|{}\n",
-        headings.join(" | "),
-        "--:|".repeat(COLUMNS.len() - 1)
-    );
-    for row in found {
-        text += &format!("| {} |\n", cells(row).join(" | "));
+/// Returns the same table in Markdown, for a document.
+fn document_table<const N: usize>(
+    columns: [&str; N],
+    rows: &[[String; N]],
+    words: usize,
+) -> String {
+    let alignment = ["---|".repeat(words), "--:|".repeat(N - words)].concat();
+    let mut text = format!("| {} |\n|{alignment}\n", columns.join(" | "));
+    for row in rows {
+        text += &format!("| {} |\n", row.join(" | "));
     }
     text
 }

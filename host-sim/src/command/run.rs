@@ -40,8 +40,8 @@ pub(crate) struct RunArguments {
     #[command(flatten)]
     mission: ScenarioChoice,
     /// The policy: shipped (the policy that was trained for a shipped scenario, plan for any other
-    /// scenario), plan (the onboard planner; plan:SECONDS plans at most so long before take-off;
-    /// plan-once[:SECONDS] does not plan again in flight), straight-line, fixed, search, a file:
+    /// scenario), plan (the onboard planner), plan-once[:SECONDS] (its plan from before take-off, made
+    /// within this time, and not improved in flight), straight-line, fixed, search, a file:
     /// .onnx or .policy (a trained policy), .csv or .plan (planned waypoints), or a directory of
     /// .onnx files, one of which was trained for the mission
     #[arg(long, default_value = "shipped")]

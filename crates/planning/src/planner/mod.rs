@@ -103,9 +103,8 @@ pub fn finish(planner: &mut HostPlanner, progress: impl FnMut(&PlanProgress)) ->
     finish_within(planner, Duration::MAX, progress)
 }
 
-/// As [`finish`], and stops when `time` has passed. The last step may take some milliseconds longer,
-/// so the plan that is found depends on the speed of the machine.
-pub fn finish_within(
+/// As [`finish`], and stops when `time` has passed.
+fn finish_within(
     planner: &mut HostPlanner,
     time: Duration,
     mut progress: impl FnMut(&PlanProgress),
@@ -141,7 +140,8 @@ pub fn plan(
     plan_within(mission, Duration::MAX, progress)
 }
 
-/// As [`plan`], and stops when `time` has passed, as [`finish_within`] does.
+/// As [`plan`], and stops when `time` has passed. The last step may take some milliseconds longer,
+/// so the plan that is found depends on the speed of the machine.
 ///
 /// # Errors
 /// Returns an error if the mission has more slots or users than a planner supports.
