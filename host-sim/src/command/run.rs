@@ -97,7 +97,7 @@ pub(crate) struct RunArguments {
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
     /// Compare the total with the certified upper bound of the mission, as host-sim bound computes
-    /// it (up to two minutes), or from a bounds.csv beside the scenario file that has this mission
+    /// it (which can take minutes), or from a bounds.csv beside the scenario file that has this mission
     #[arg(long, conflicts_with = "events")]
     bound: bool,
     /// Number of symbols that are transmitted in each slot to measure the MSE
