@@ -5,11 +5,12 @@
 mod test_missions;
 
 use firmware_core::{
-    Mission, Position, Scalar, Watt,
+    Displacement, Mission, Position, Scalar, Watt,
     inner::{SlotLimits, Workspace},
     mission::{Area, MissionChange, MissionParameters},
     planner::{Capacity, OperationsInFlight, Planner, PlannerError, PlannerState},
     policy::{Action, Observation, Policy},
+    shield::Agility,
 };
 use proptest::prelude::*;
 use test_missions::table_one_without_nodes;
@@ -121,7 +122,23 @@ struct State {
     slot: u32,
     position: [f64; 2],
     counts: Vec<u32>,
+    /// The longest step, the largest change of velocity, and the last slot's displacement, as
+    /// fractions of `V_max delta`.
     reach: f64,
+    velocity_change: f64,
+    drift: [f64; 2],
+}
+
+impl State {
+    fn agility<T: Scalar>(&self, limit_m: T) -> Agility<T> {
+        let step_m = limit_m * T::of(self.reach);
+        Agility {
+            step_m,
+            reach_m: step_m,
+            velocity_change_m: limit_m * T::of(self.velocity_change),
+            drift_m: self.drift.map(|drift| limit_m * T::of(drift)),
+        }
+    }
 }
 
 fn state() -> impl Strategy<Value = State> {
@@ -130,19 +147,31 @@ fn state() -> impl Strategy<Value = State> {
         2 => 0.3..1.5,
         1 => prop::sample::select(vec![f64::NAN, -1.0, 0.0, f64::INFINITY, 1e-9]),
     ];
+    let velocity_change = prop_oneof![
+        3 => Just(f64::INFINITY),
+        2 => 0.01..1.0,
+        1 => prop::sample::select(vec![f64::NAN, -1.0, 0.0, 1e-30]),
+    ];
+    let drift = || prop_oneof![9 => -1.2..1.2, 1 => Just(f64::NAN)];
     let count = prop_oneof![9 => 0..6_u32, 1 => Just(u32::MAX)];
     (
         0..40_u32,
         [coordinate(), coordinate()],
         prop::collection::vec(count, 0..=M + 2),
         reach,
+        velocity_change,
+        [drift(), drift()],
     )
-        .prop_map(|(slot, position, counts, reach)| State {
-            slot,
-            position,
-            counts,
-            reach,
-        })
+        .prop_map(
+            |(slot, position, counts, reach, velocity_change, drift)| State {
+                slot,
+                position,
+                counts,
+                reach,
+                velocity_change,
+                drift,
+            },
+        )
 }
 
 fn planner<T: Scalar>(mission: &TestMission<T>) -> TestPlanner<T> {
@@ -256,12 +285,13 @@ fn obeys_the_laws<T: Scalar>(
             area.north_m * T::of(state.position[1]),
         );
         let limit_m = planner.mission().reach_m();
-        let wished_m = limit_m * T::of(state.reach);
+        let agility = state.agility(limit_m);
+        let wished_m = agility.step_m;
         planner.restart(&PlannerState {
             slot: state.slot,
             position,
             counts: &state.counts,
-            reach_m: wished_m,
+            agility,
         });
         if position.x.finite() && position.y.finite() {
             from = position;
@@ -295,6 +325,7 @@ fn obeys_the_laws<T: Scalar>(
                     .min(area.north_m),
             );
         }
+        let has_inertia = state.velocity_change > 0.0 && state.velocity_change.is_finite();
         let (mut value, mut exact) = (T::zero(), f64::NEG_INFINITY);
         for &budget in budgets {
             let largest = planner.largest_step();
@@ -307,7 +338,8 @@ fn obeys_the_laws<T: Scalar>(
             let of_model = total(&mut planner);
             let slack = 1e-3 * limit * f64::from(planner.mission().slots()) + 1e-6;
             prop_assert!(of_model.is_finite() && of_model >= 0.0);
-            if now > T::zero() {
+            // The value of a plan for a vehicle with inertia is less than its rates.
+            if now > T::zero() && !has_inertia {
                 prop_assert!(of_model >= exact - slack, "{exact} then {of_model}");
                 prop_assert!((of_model - now.to_f64()).abs() <= slack, "{of_model} {now}");
                 exact = of_model;
@@ -356,6 +388,7 @@ proptest! {
                 rate: f32::NAN,
                 mse: f32::NAN,
                 position,
+                agility: state.agility(mission.reach_m()),
             });
             prop_assert_eq!(action.user_scores.len(), state.counts.len().min(M));
             prop_assert!(action.user_scores.iter().all(|score| score.is_finite()));
@@ -486,6 +519,7 @@ fn following_the_plan_keeps_it() {
             rate: 0.0,
             mse: 0.0,
             position: here,
+            agility: Agility::ideal(&mission),
         });
         here += action.displacement;
         let user = (0..counts.len())
@@ -494,6 +528,49 @@ fn following_the_plan_keeps_it() {
         assert_eq!(planned.1, user);
         assert!((planned.0.expect("a waypoint") - here).norm() < 1e-9);
     }
+}
+
+/// The sum of the changes of velocity of a plan that exceed `free_m`, metres a slot, and the plan's
+/// rates.
+fn bends(planner: &mut TestPlanner<f64>, drift: [f64; 2], free_m: f64) -> (f64, f64) {
+    let mut here = planner.mission().parameters().start;
+    let mut last = Displacement::from(drift);
+    let mut sum_m = 0.0;
+    for slot in 1..=planner.mission().slots() {
+        let place = planner.waypoint(slot).expect("a slot ahead");
+        let step = place - here;
+        sum_m += ((step - last).norm() - free_m).max(0.0);
+        (here, last) = (place, step);
+    }
+    (sum_m, total(planner))
+}
+
+/// A plan for a vehicle with inertia bends much less than one for the paper's kinematics, and its
+/// rates are little below: the vehicle starts at full speed, away from the users.
+#[test]
+fn inertia_straightens_the_plan() {
+    let mission: TestMission<f64> = plain().mission();
+    let limit_m = mission.reach_m();
+    let agility = Agility {
+        velocity_change_m: 0.04 * limit_m,
+        drift_m: [-limit_m, 0.0],
+        ..Agility::ideal(&mission)
+    };
+    let [ideal, inert] = [Agility::ideal(&mission), agility].map(|agility| {
+        let mut planner = planner(&mission);
+        planner.restart(&PlannerState {
+            slot: 1,
+            position: mission.parameters().start,
+            counts: &[],
+            agility,
+        });
+        while !planner.advance(50_000).finished {}
+        // The planner counts changes of up to four times the limit as free.
+        bends(&mut planner, agility.drift_m, 0.16 * limit_m)
+    });
+    println!("ideal {ideal:?}, with inertia {inert:?}");
+    assert!(inert.0 < 0.5 * (ideal.0 + 0.84 * limit_m));
+    assert!(inert.1 > 0.8 * ideal.1 && inert.1 < ideal.1 * 1.001);
 }
 
 #[test]

@@ -9,8 +9,16 @@ use firmware_core::{
         mlp::{FORMAT_VERSION, Mlp},
         output_len, state_len,
     },
+    shield::Agility,
 };
 use libfuzzer_sys::fuzz_target;
+
+const VEHICLE: Agility<f64> = Agility {
+    step_m: 30.0,
+    reach_m: 30.0,
+    velocity_change_m: f64::INFINITY,
+    drift_m: [0.0; 2],
+};
 
 fuzz_target!(|data: &[u8]| {
     let Some((&first, rest)) = data.split_first() else {
@@ -42,6 +50,7 @@ fuzz_target!(|data: &[u8]| {
             rate: 0.0,
             mse: 0.0,
             position: [100.0, 100.0].into(),
+            agility: VEHICLE,
         },
     );
     // A sum of finite weights can overflow to NaN, which the shield handles. Any other displacement

@@ -9,6 +9,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use firmware_core::{
     Position, USERS_MAX,
     policy::{Observation, Policy, mlp::Mlp, onnx::OnnxPolicy},
+    shield::Agility,
 };
 use trainer::onnx;
 
@@ -22,6 +23,12 @@ fn decide(policy: &mut impl Policy<f64, USERS_MAX>) {
         rate: 1.0,
         mse: 0.015,
         position: Position::new(480.0, 510.0),
+        agility: Agility {
+            step_m: 30.0,
+            reach_m: 30.0,
+            velocity_change_m: f64::INFINITY,
+            drift_m: [0.0; 2],
+        },
     })));
 }
 

@@ -23,7 +23,7 @@ use firmware_core::{
     Displacement, Mission, Position, SENSORS_MAX, Scalar, USERS_MAX,
     inner::{Method, SlotAllocation, SlotLimits, Status, Workspace},
     policy::{Observation, state_len},
-    shield::{self, Fairness, Intervention, ReachableSet},
+    shield::{self, Agility, Fairness, Intervention, ReachableSet},
 };
 
 use crate::{
@@ -202,6 +202,7 @@ impl<T: Scalar> Environment<T> {
             rate: self.state.rate,
             mse: self.state.mse,
             position: self.state.position,
+            agility: Agility::ideal(&self.mission),
         }
         .write_state(&mut raw);
         for (x, raw) in state.iter_mut().zip(&raw[..len]) {

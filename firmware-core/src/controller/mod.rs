@@ -198,18 +198,19 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             return Err(ControllerError::PositionNotFinite);
         }
         let slot = self.slots_done + 1;
+        let destination = self.mission.parameters().destination;
+        self.speed_estimator.observe(&measured, &destination);
+        self.allocator.locate(measured);
+        let agility = self.speed_estimator.agility();
         let action = self.policy.decide(&Observation {
             slot,
             counts: self.fairness.counts(),
             rate: self.rate,
             mse: self.mse,
             position: measured,
+            agility,
         });
         let mut intervention = Intervention::default();
-        let destination = self.mission.parameters().destination;
-        self.speed_estimator.observe(&measured, &destination);
-        self.allocator.locate(measured);
-        let agility = self.speed_estimator.agility();
         let reachable = ReachableSet::of_slot_with(&self.mission, slot, measured, &agility);
         let sound = shield::displacement_is_sound(&action.displacement)
             && shield::scores_are_sound(

@@ -14,7 +14,7 @@ use crate::{
     mission::{Mission, MissionChange},
     policy::{Action, Observation, PlanQuality, Policy},
     scalar::{Displacement, Position, Scalar},
-    shield::reduce_to,
+    shield::{Agility, reduce_to},
 };
 
 /// The result of a call of [`Planner::advance`].
@@ -48,9 +48,10 @@ pub struct PlannerState<'a, T: Scalar> {
     pub position: Position<T>,
     /// Slots that each user has been served so far; users without an entry have none.
     pub counts: &'a [u32],
-    /// The distance that the vehicle can fly in a slot now, metres. At most `V_max delta`; anything
-    /// that is not a number above 0 counts as `V_max delta`.
-    pub reach_m: T,
+    /// What the vehicle can do now. A plan's steps are at most `step_m` and `V_max delta` long; a
+    /// step or change of velocity that is not above 0 counts as no limit of its own, a drift that
+    /// is not finite as rest.
+    pub agility: Agility<T>,
 }
 
 /// A plan for the rest of a mission, and the state of the search that improves it. See the
@@ -66,7 +67,7 @@ pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
     /// The coming slot.
     slot: u32,
     counts: Vec<u32, M>,
-    reach_m: T,
+    agility: Agility<T>,
     /// Operations that [`Policy::decide`] may spend.
     operations_per_slot: u64,
     /// Operations that [`Policy::improve`] may spend after a change.
@@ -132,14 +133,14 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
             }
         }
         let start = mission.parameters().start;
-        let (slots, reach_m) = (mission.slots() as usize, mission.reach_m());
-        let route = Route::new(mission, start, slots, reach_m);
+        let (slots, agility) = (mission.slots() as usize, Agility::ideal(mission));
+        let route = Route::new(mission, start, slots, &agility);
         Ok(Self {
             search: Search::new(mission, capacity, PlannerSettings::default(), route),
             memory,
             slot: 1,
             counts: Vec::new(),
-            reach_m,
+            agility,
             operations_per_slot: 0,
             operations_per_change: u64::MAX,
             operations_per_correction: 0,
@@ -182,13 +183,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let slots = self.search.mission.slots();
         let slot = state.slot.clamp(1, slots + 1);
         let ahead = slot.checked_sub(self.slot).map(|passed| passed as usize);
-        let limit_m = self.search.mission.reach_m();
-        let reach_m = state.reach_m;
-        self.reach_m = if reach_m.finite() && reach_m > T::zero() {
-            reach_m.min(limit_m)
-        } else {
-            limit_m
-        };
+        self.agility = sound(&state.agility, &self.search.mission);
         if let Some(passed) = ahead {
             let mut parts = Parts::carve(&self.search.capacity, self.memory.parts());
             parts.best.drop_first(passed);
@@ -210,7 +205,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         self.search.capacity.check(mission)?;
         let kept = mission.slots() == self.search.mission.slots();
         self.search.replace_mission(mission);
-        self.reach_m = self.reach_m.min(mission.reach_m());
+        self.agility = sound(&self.agility, mission);
         self.slot = self.slot.min(mission.slots() + 1);
         let (counts, position) = (self.counts.clone(), self.search.from());
         self.begin(&counts, position, kept);
@@ -221,7 +216,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
     fn begin(&mut self, counts: &[u32], position: Position<T>, keep: bool) {
         let search = &mut self.search;
         let slots = (search.mission.slots() + 1).saturating_sub(self.slot) as usize;
-        let route = Route::new(&search.mission, position, slots, self.reach_m);
+        let route = Route::new(&search.mission, position, slots, &self.agility);
         let users = search.mission.user_count();
         // The counts of users that may join later are kept, too.
         self.counts = counts.iter().copied().take(M).collect();
@@ -273,10 +268,11 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         self.search.largest_step()
     }
 
-    /// Returns the sum of the rates of the plan, bit/s/Hz, from the coming slot on; 0 while the
-    /// first plan has not been evaluated, which takes one evaluation of the rates for every slot.
+    /// Returns the sum of the rates of the plan, bit/s/Hz, from the coming slot on, less what a
+    /// vehicle with inertia is estimated to lose; 0 while the first plan has not been evaluated,
+    /// which takes one evaluation of the rates for every slot.
     pub fn value(&self) -> T {
-        self.search.best_total.unwrap_or(T::zero())
+        self.search.best_total.unwrap_or(T::zero()).max(T::zero())
     }
 
     /// Returns an estimate of the largest value that any plan can have, bit/s/Hz: the least dual
@@ -335,8 +331,37 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let count = |counts: &[u32], user| counts.get(user).copied().unwrap_or(0);
         observation.slot == self.slot
             && observation.position == self.search.from()
+            && sound(&observation.agility, self.mission()) == self.agility
             && (0..self.search.users())
                 .all(|user| count(observation.counts, user) == count(&self.counts, user))
+    }
+}
+
+/// Returns the capabilities that a plan is made for: see [`PlannerState::agility`].
+fn sound<T: Scalar, const M: usize, const J: usize>(
+    agility: &Agility<T>,
+    mission: &Mission<T, M, J>,
+) -> Agility<T> {
+    let ideal = Agility::ideal(mission);
+    // NaN is not above 0 either.
+    let or = |value: T, otherwise: T| {
+        if value > T::zero() {
+            value.min(otherwise)
+        } else {
+            otherwise
+        }
+    };
+    let velocity_change_m = or(agility.velocity_change_m, ideal.velocity_change_m);
+    let matters = velocity_change_m.finite() && agility.drift_m.iter().all(|drift| drift.finite());
+    Agility {
+        step_m: or(agility.step_m, ideal.step_m),
+        reach_m: or(agility.reach_m, ideal.reach_m),
+        velocity_change_m,
+        drift_m: if matters {
+            agility.drift_m
+        } else {
+            ideal.drift_m
+        },
     }
 }
 
@@ -349,7 +374,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
                 slot: observation.slot,
                 position: observation.position,
                 counts: observation.counts,
-                reach_m: self.reach_m,
+                agility: observation.agility,
             });
             self.correction_left = self.operations_per_correction;
         }

@@ -33,7 +33,7 @@ pub enum PlannerError {
 /// use firmware_core::planner::Capacity;
 ///
 /// // The default mission in single precision.
-/// assert_eq!(Capacity::new(60, 15).memory_bytes::<f32>(), 110_460);
+/// assert_eq!(Capacity::new(60, 15).memory_bytes::<f32>(), 113_820);
 /// // Even 33 x 33 nodes with a stage for every two slots need less than 256 KiB.
 /// let fine = Capacity { slots: 60, users: 16, nodes: 33 * 33, stages: 30 };
 /// assert!(fine.memory_bytes::<f32>() < 256 * 1024);
@@ -102,7 +102,7 @@ impl Capacity {
 
     /// Returns how many bytes the planner needs beside the numbers.
     pub const fn indices(&self) -> usize {
-        3 * self.slots + self.slots * super::polish::PLACES
+        3 * self.slots + self.slots * super::inertia::PAIRS
     }
 
     /// Returns the whole size in bytes, for numbers of type `T`.
@@ -197,7 +197,7 @@ impl<'a, T> Parts<'a, T> {
             best: path(values, bytes),
             current: path(values, bytes),
             trial: path(values, bytes),
-            back: take(bytes, c.slots * super::polish::PLACES),
+            back: take(bytes, c.slots * super::inertia::PAIRS),
         }
     }
 }

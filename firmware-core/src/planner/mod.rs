@@ -22,7 +22,8 @@
 //! # In flight
 //!
 //! [`Planner::restart`] continues from any state: slot, measured position, slots served so far and
-//! reach. [`Planner::change_mission`] takes over changes of users, sensors, threshold, noise or
+//! what the vehicle can do. On a vehicle with inertia, plans avoid turns that it cannot fly, and turn
+//! back to the destination in time. [`Planner::change_mission`] takes over changes of users, sensors, threshold, noise or
 //! speed. Both keep the prices and as much of the old plan as stays feasible. As a [`Policy`](crate::policy::Policy), the
 //! planner follows its plan, corrected for the vehicle's position; the [shield](crate::shield)
 //! still checks every action.
@@ -51,6 +52,7 @@
 
 mod anytime;
 mod assignment;
+mod inertia;
 mod lattice;
 mod memory;
 mod order;

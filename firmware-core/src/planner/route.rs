@@ -1,11 +1,11 @@
 //! The constraints that make a path feasible from the present state: speed, area and arrival
 //! (eq:traj1, eq:traj2).
 
-use super::memory::PathMut;
+use super::{inertia::Inertia, memory::PathMut};
 use crate::{
     mission::{Area, Mission, rounding_m},
     scalar::{Position, Scalar},
-    shield::ReachableSet,
+    shield::{Agility, ReachableSet},
 };
 
 /// The constraints on the rest of a mission.
@@ -23,25 +23,30 @@ pub(super) struct Route<T: Scalar> {
     longest_m: T,
     /// The largest distance from the destination at which a plan may end, metres.
     pub(super) arrival_m: T,
+    /// The vehicle's inertia; none in the paper's kinematics.
+    pub(super) inertia: Option<Inertia<T>>,
 }
 
 impl<T: Scalar> Route<T> {
-    /// Creates the constraints for `slots` slots from `position`, each at most `reach_m` long.
+    /// Creates the constraints for `slots` slots from `position`.
     pub(super) fn new<const M: usize, const J: usize>(
         mission: &Mission<T, M, J>,
         position: Position<T>,
         slots: usize,
-        reach_m: T,
+        agility: &Agility<T>,
     ) -> Self {
         let p = mission.parameters();
+        let reach_m = agility.step_m;
         let rounding = rounding_m(&p.area, reach_m);
         let least_m = reach_m * T::of(0.5);
         let within = |value: T, extent: T| value.max(T::zero()).min(extent);
+        let from = Position::new(
+            within(position.x, p.area.east_m),
+            within(position.y, p.area.north_m),
+        );
         Self {
-            from: Position::new(
-                within(position.x, p.area.east_m),
-                within(position.y, p.area.north_m),
-            ),
+            from,
+            inertia: Inertia::of_vehicle(mission, from, agility),
             destination: p.destination,
             area: p.area,
             slots,

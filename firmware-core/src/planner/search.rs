@@ -12,6 +12,7 @@
 
 use super::{
     PlannerSettings, assignment,
+    inertia::{Inertia, PairChains},
     memory::{Capacity, Parts},
     order::{self, Change, Tables},
     place_rates::{GAIN_ENTRIES, GainScale, PlaceRates},
@@ -137,9 +138,12 @@ pub(super) struct Search<T: Scalar, const M: usize, const J: usize> {
     is_last: bool,
     spacing_m: T,
     chains: Chains<T>,
+    pairs: PairChains<T>,
     /// The value of the plan that is given out; `None` while it is not known.
     pub(super) best_total: Option<T>,
     current_total: T,
+    /// What the present path loses by inertia, bit/s/Hz; it is subtracted from the totals.
+    current_loss: T,
     /// Whether the gain table is that of the mission.
     gains_ready: bool,
     /// Whether the node rates are those of the mission and the grid.
@@ -175,9 +179,11 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             is_last: false,
             spacing_m: T::zero(),
             chains: Chains::start(&route),
+            pairs: PairChains::new(&route),
             route,
             best_total: None,
             current_total: T::zero(),
+            current_loss: T::zero(),
             gains_ready: false,
             nodes_ready: false,
             continued: false,
@@ -248,6 +254,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             self.stages.backward_operations(),
             self.stages.forward_operations(),
             rates * polish::PLACES as u64 + Chains::<T>::OPERATIONS,
+            rates * super::memory::PLACES as u64 + PairChains::<T>::OPERATIONS,
             assignment::operations(slots, users),
             (2 * nodes * users.max(8) + slots) as u64,
             (ENTRIES_PER_STEP * 600) as u64,
@@ -510,10 +517,14 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         for (row, &user) in rates.chunks_exact(users).zip(&*assigned) {
             total += row.get(usize::from(user)).copied().unwrap_or(T::zero());
         }
+        let inertia = self.route.inertia.as_ref();
+        let loss = inertia.map_or(T::zero(), |inertia| inertia.loss(&self.route, &parts.trial));
+        total -= loss;
         let gain = total - self.current_total;
         let adopted = gain > T::zero() || trial == Trial::First;
         if adopted {
             self.current_total = total;
+            self.current_loss = loss;
             parts.current.copy_from(&parts.trial);
         }
         if self.best_total.is_none_or(|best| total > best) {
@@ -526,7 +537,9 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
 
     /// Returns the phase that follows a trial plan.
     fn after(&mut self, trial: Trial, adopted: bool, gain: T) -> Phase {
-        let worthwhile = |fraction: f64| gain > self.current_total * T::of(fraction);
+        // The total can be below zero where much is lost by inertia; the rates cannot.
+        let rates = self.current_total + self.current_loss;
+        let worthwhile = |fraction: f64| gain > rates * T::of(fraction);
         match trial {
             Trial::First if !self.route.has_choice() => Phase::Done,
             Trial::First if self.continued => self.begin_polish(FIRST_SPACING * 0.25),
@@ -606,7 +619,8 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         }
         self.round += 1;
         let value = self.best_total.unwrap_or(T::zero());
-        let fruitful = value > self.value_before * T::of(1.0 + FRUITFUL);
+        let least = self.value_before + self.value_before.abs() * T::of(FRUITFUL);
+        let fruitful = value > least;
         self.fruitless = if fruitful { 0 } else { self.fruitless + 1 };
         self.value_before = value;
         if self.round >= self.settings.rounds || self.fruitless >= FRUITLESS_ROUNDS {
@@ -621,6 +635,9 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
     }
 
     fn polish(&mut self, slot: usize, parts: &mut Parts<'_, T>) -> u64 {
+        if let Some(inertia) = self.route.inertia {
+            return self.polish_pairs(&inertia, slot, parts);
+        }
         if slot == 0 {
             self.chains = Chains::start(&self.route);
         }
@@ -652,6 +669,35 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         rates * polish::PLACES as u64 + Chains::<T>::OPERATIONS
     }
 
+    /// As [`polish`](Self::polish), for a vehicle with inertia.
+    fn polish_pairs(&mut self, inertia: &Inertia<T>, slot: usize, parts: &mut Parts<'_, T>) -> u64 {
+        if slot == 0 {
+            self.pairs = PairChains::start(&self.route, inertia);
+        }
+        let (route, spacing_m) = (self.route, self.spacing_m);
+        let mut pairs = self.pairs;
+        let mut rates = self.place_rates(parts.gains);
+        let at = (slot, spacing_m);
+        pairs.extend(
+            (&route, inertia),
+            &mut rates,
+            &parts.current,
+            at,
+            parts.back,
+        );
+        self.pairs = pairs;
+        let (current, trial) = (&parts.current, &mut parts.trial);
+        self.phase = if slot + 1 < route.slots {
+            Phase::Polish { slot: slot + 1 }
+        } else if pairs.trace(&route, spacing_m, current, parts.back, trial) {
+            rating(Trial::Polished)
+        } else {
+            self.end_round()
+        };
+        let rates = PlaceRates::<T, M, J>::operations(&self.mission);
+        rates * super::memory::PLACES as u64 + PairChains::<T>::OPERATIONS
+    }
+
     /// Tries the changes of slots `a` and `a + 1 + b`, and makes the first that is worthwhile.
     fn change(&mut self, a: usize, b: usize, unchanged: usize, parts: &mut Parts<'_, T>) -> u64 {
         let slots = self.route.slots;
@@ -674,7 +720,9 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             users: self.users(),
         };
         let users = parts.current.users.get(..slots).unwrap_or(&[]);
-        let least = self.current_total * T::of(1.0 + WORTH_CHANGING);
+        // The tables leave inertia out.
+        let rates = self.current_total + self.current_loss;
+        let least = rates * T::of(1.0 + WORTH_CHANGING);
         let mut operations = 20;
         for change in Change::ALL {
             if !change.alters(users, a, last) {

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     mission::MissionChange,
     scalar::{Displacement, Position, Scalar},
+    shield::Agility,
 };
 
 /// The number of components of the paper's state besides the users' counts: rate, MSE and the two
@@ -39,6 +40,8 @@ pub struct Observation<'a, T: Scalar> {
     pub mse: T,
     /// `q_{n-1}`, the position of the vehicle, metres.
     pub position: Position<T>,
+    /// What the vehicle can do in the coming slot.
+    pub agility: Agility<T>,
 }
 
 impl<'a, T: Scalar> Observation<'a, T> {
@@ -129,6 +132,7 @@ impl<T: Scalar, const M: usize, P: Policy<T, M> + ?Sized> Policy<T, M> for &mut 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_missions::table_one;
 
     /// The paper's state in its order; a buffer of another length holds its beginning.
     #[test]
@@ -139,6 +143,7 @@ mod tests {
             rate: 0.5,
             mse: 0.01,
             position: Position::new(30.0, 40.0),
+            agility: Agility::ideal(&table_one()),
         };
         let expected = [2.0, 0.0, 1.0, 0.5, 0.01, 30.0, 40.0];
         assert_eq!(state_len(3), expected.len());

@@ -131,7 +131,7 @@ fn nearness<T: Scalar, const M: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{scalar::Displacement, test_missions::table_one};
+    use crate::{scalar::Displacement, shield::Agility, test_missions::table_one};
 
     fn observation(slot: u32, position: Position<f64>) -> Observation<'static, f64> {
         Observation {
@@ -140,6 +140,7 @@ mod tests {
             rate: 0.0,
             mse: 0.0,
             position,
+            agility: Agility::ideal(&table_one()),
         }
     }
 

@@ -21,6 +21,7 @@ use firmware_core::{
     console::{BoardMission, Call, Calls, PLANNER_CAPACITY, PLANNER_OPERATIONS_PER_POLL},
     mission::MissionChange,
     policy::{Observation, Policy},
+    shield::Agility,
 };
 
 /// An order of the default mission, as a frame of the console.
@@ -203,6 +204,7 @@ impl<'b> Bench<'b> {
             rate: 0.0,
             mse: 0.0,
             position: planned + Displacement::new(-off_m, off_m),
+            agility: Agility::ideal(planner.mission()),
         };
         let mut poll = Poll::new(self.board);
         let _ = planner.decide(&observation);
