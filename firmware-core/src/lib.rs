@@ -71,6 +71,7 @@ pub mod aircomp;
 #[cfg(feature = "autopilot")]
 pub mod autopilot;
 pub mod channel;
+mod collect;
 #[cfg(all(feature = "link", feature = "planner", feature = "autopilot"))]
 pub mod console;
 #[cfg(feature = "policy")]

@@ -1,0 +1,53 @@
+//! The panic handler of the probes in `src/bin`, which does not exist.
+//!
+//! Each probe is a program whose only function, `entry`, calls one entry point of `firmware-core`.
+//! The panic handler calls a function that is defined nowhere. If the compiler cannot prove that
+//! the entry point never panics, a call of the handler remains, and the program does not link.
+//!
+//! The arguments of `entry` come from outside, so the compiler knows nothing about their values
+//! beyond their types; references stand in for state that other functions would have created. What
+//! `entry` returns is used by nobody that the compiler could see, so nothing is left out.
+//!
+//! With the feature `diagnose` the handler exists, all probes link, and the functions of
+//! `core::panicking` that they contain say what is left.
+#![no_std]
+
+use core::panic::PanicInfo;
+
+use firmware_core::{
+    SENSORS_MAX, USERS_MAX,
+    console::{BoardComputer, BoardPlanner, PlannerBytes, PlannerNumbers},
+    controller::Controller,
+    policy::mlp::Mlp,
+};
+
+/// The trained policy of a board.
+pub type Trained = Mlp<&'static [u8]>;
+
+/// The controller of a board with a trained policy.
+pub type TrainedController = Controller<f32, Trained, USERS_MAX, SENSORS_MAX>;
+
+/// The planner of a board.
+pub type Planner = BoardPlanner<(&'static mut PlannerNumbers, &'static mut PlannerBytes)>;
+
+/// The onboard computer of a board, with all its policies.
+pub type Computer = BoardComputer<&'static [u8], &'static mut Planner>;
+
+#[cfg(not(feature = "diagnose"))]
+unsafe extern "C" {
+    /// Not defined anywhere.
+    safe fn an_entry_point_can_panic() -> !;
+}
+
+#[cfg(feature = "diagnose")]
+#[inline(never)]
+fn an_entry_point_can_panic() -> ! {
+    loop {
+        core::hint::spin_loop();
+    }
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    an_entry_point_can_panic()
+}
