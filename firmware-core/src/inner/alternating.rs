@@ -25,8 +25,9 @@
 //! budget `B` is a difference. The exact solver has no such difference.
 
 use super::{
-    LimitedBy, SlotError, Solution, Status, 
-    level::{Level, Segment, SensorField}, rate::rate_of_sinr,
+    LimitedBy, SlotError, Solution, Status,
+    level::{Level, Segment, SensorField},
+    rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 use serde::{Deserialize, Serialize};
