@@ -90,6 +90,7 @@ pub mod planner;
 pub mod policy;
 pub mod scalar;
 pub mod shield;
+mod sort;
 // `test_missions` names the crate as the tests in `tests/` do.
 #[cfg(test)]
 extern crate self as firmware_core;

@@ -7,7 +7,7 @@
 //! Worst case: `O(J log J)`, and few instructions more than on average.
 
 use super::level::PrefixSum;
-use crate::scalar::Scalar;
+use crate::{scalar::Scalar, sort::insertion_sort};
 
 /// The length of the runs that the network sorts.
 const RUN: usize = 8;
@@ -19,7 +19,7 @@ pub(super) fn sort<T: Scalar>(values: &mut [T], scratch: &mut [PrefixSum<T>]) {
     for run in runs {
         sort_run(run);
     }
-    insertion_sort(rest);
+    insertion_sort(rest, |a, b| a < b);
     let mut run = RUN;
     while run < values.len() {
         merge_runs(values, run, scratch);
@@ -82,23 +82,6 @@ fn sort_run<T: Scalar>([a, b, c, d, e, f, g, h]: &mut [T; RUN]) {
 fn order<T: Scalar>(low: &mut T, high: &mut T) {
     let (a, b) = (*low, *high);
     (*low, *high) = if b < a { (b, a) } else { (a, b) };
-}
-
-/// Sorts fewer than [`RUN`] numbers.
-fn insertion_sort<T: Scalar>(values: &mut [T]) {
-    for end in 1..=values.len() {
-        let Some((last, before)) = values.get_mut(..end).and_then(<[T]>::split_last_mut) else {
-            return;
-        };
-        let mut hole = last;
-        for value in before.iter_mut().rev() {
-            if *value <= *hole {
-                break;
-            }
-            core::mem::swap(value, hole);
-            hole = value;
-        }
-    }
 }
 
 #[cfg(test)]
