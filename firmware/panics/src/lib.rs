@@ -8,8 +8,8 @@
 //! beyond their types; references stand in for state that other functions would have created. What
 //! `entry` returns is used by nobody that the compiler could see, so nothing is left out.
 //!
-//! With the feature `diagnose` the handler exists, all probes link, and the functions of
-//! `core::panicking` that they contain say what is left.
+//! With the feature `diagnose` the handler exists, all probes link, and they contain the place of each
+//! panic that is left.
 #![no_std]
 
 use core::panic::PanicInfo;
@@ -39,15 +39,17 @@ unsafe extern "C" {
     safe fn an_entry_point_can_panic() -> !;
 }
 
-#[cfg(feature = "diagnose")]
-#[inline(never)]
-fn an_entry_point_can_panic() -> ! {
-    loop {
-        core::hint::spin_loop();
-    }
-}
-
+#[cfg(not(feature = "diagnose"))]
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     an_entry_point_can_panic()
+}
+
+/// Uses the place of the panic, so that it is in the program.
+#[cfg(feature = "diagnose")]
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    loop {
+        core::hint::black_box(info.location());
+    }
 }
