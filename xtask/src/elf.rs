@@ -51,8 +51,9 @@ impl Sizes {
     }
 }
 
-/// Returns the places `file:line` that a program names in panics.
-pub(crate) fn panic_locations(path: &Path) -> Result<Vec<String>> {
+/// Returns the places `file:line` that a program names in panics; files of the workspace relative to
+/// `root`.
+pub(crate) fn panic_locations(path: &Path, root: &Path) -> Result<Vec<String>> {
     let file = fs::read(path).with_context(|| path.display().to_string())?;
     let image = object::File::parse(&*file).with_context(|| path.display().to_string())?;
     let constants = image.section_by_name(".rodata").context("no .rodata")?;
@@ -76,12 +77,19 @@ pub(crate) fn panic_locations(path: &Path) -> Result<Vec<String>> {
     places.dedup();
     Ok(places
         .into_iter()
-        .map(|(name, line)| format!("{}:{line}", within_crates(name)))
+        .map(|(name, line)| format!("{}:{line}", shown(name, root)))
         .collect())
 }
 
-/// Returns the name of a source file without the place of the library or the registry.
-fn within_crates(name: &str) -> &str {
+/// Returns the name of a source file without the place of the workspace, the library or the registry.
+fn shown<'n>(name: &'n str, root: &Path) -> &'n str {
+    if let Some(file) = Path::new(name)
+        .strip_prefix(root)
+        .ok()
+        .and_then(Path::to_str)
+    {
+        return file;
+    }
     if let Some((_, file)) = name.split_once("/rust/library/") {
         return file;
     }

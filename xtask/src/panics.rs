@@ -163,7 +163,7 @@ pub(crate) fn run(root: &Path, _: &PanicsArguments) -> Result<()> {
         let file = file.with_context(|| format!("{}: not built", probe.name))?;
         let panics = match linked {
             Some(_) => None,
-            None => Some(elf::panic_locations(file)?),
+            None => Some(elf::panic_locations(file, root)?),
         };
         let size = Sizes::read(file)?.text;
         Ok(Outcome {
