@@ -103,11 +103,10 @@ impl Decoder {
                     if count == 0 {
                         return None;
                     }
-                    for (place, byte) in free.iter_mut().zip(*input) {
-                        *place = *byte;
-                    }
+                    let (head, tail) = input.split_at_checked(count)?;
+                    free.get_mut(..count)?.copy_from_slice(head);
                     self.length += count;
-                    *input = input.get(count..).unwrap_or_default();
+                    *input = tail;
                 }
             }
         }
@@ -171,8 +170,8 @@ impl Decoder {
         let whole = HEADER + payload + CHECKSUM + signature;
         let parts = held.get(..whole).and_then(|bytes| {
             let checked = bytes.get(field::checked(payload))?;
-            let checksum = bytes.get(field::checksum(payload))?;
-            Some((Frame::new(bytes)?, checked, checksum))
+            let checksum = bytes.get(field::checksum(payload))?.first_chunk()?;
+            Some((Frame::new(bytes)?, checked, u16::from_le_bytes(*checksum)))
         });
         let Some((frame, checked, sent_checksum)) = parts else {
             return Candidate::Incomplete;
@@ -183,7 +182,7 @@ impl Decoder {
             return Candidate::Drop(whole);
         };
         let checksum = calculate_crc(checked, seed);
-        if sent_checksum == checksum.to_le_bytes() {
+        if sent_checksum == checksum {
             if let Some(verifier) = &mut self.verifier {
                 let refused = match verifier.verify(&frame) {
                     Verdict::Valid => None,
