@@ -71,6 +71,7 @@ pub mod aircomp;
 #[cfg(feature = "autopilot")]
 pub mod autopilot;
 pub mod channel;
+mod collect;
 #[cfg(all(feature = "link", feature = "planner", feature = "autopilot"))]
 pub mod console;
 #[cfg(feature = "policy")]
@@ -89,6 +90,7 @@ pub mod planner;
 pub mod policy;
 pub mod scalar;
 pub mod shield;
+mod sort;
 // `test_missions` names the crate as the tests in `tests/` do.
 #[cfg(test)]
 extern crate self as firmware_core;

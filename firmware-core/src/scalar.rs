@@ -33,6 +33,8 @@ mod num_limits {
     pub trait Limits {
         /// Distance from 1 to the next larger number.
         const EPSILON: Self;
+        /// The largest finite number.
+        const LARGEST: Self;
         /// Relative tolerance within which a constraint counts as kept:
         /// 1e-9 in double, 1e-5 in single precision.
         const CONSTRAINT_TOLERANCE: Self;
@@ -44,6 +46,7 @@ macro_rules! scalar {
     ($t:ty, $tolerance:literal) => {
         impl Limits for $t {
             const EPSILON: Self = <$t>::EPSILON;
+            const LARGEST: Self = <$t>::MAX;
             const CONSTRAINT_TOLERANCE: Self = $tolerance;
         }
         impl Scalar for $t {

@@ -22,12 +22,14 @@ impl<T: Scalar> PowerGain<T> {
 
     /// Returns whether the gain is finite and not negative.
     pub fn is_valid(self) -> bool {
-        self.0.finite() && self.0 >= T::zero()
+        // Two comparisons: asked for a finite number, the compiler looks at its bits instead, which
+        // takes 26 instructions of a Cortex-M7.
+        (T::zero()..=T::LARGEST).contains(&self.0)
     }
 
     /// Returns whether a passive channel can have this gain: it is valid and at most 1.
     pub fn is_passive(self) -> bool {
-        self.is_valid() && self.0 <= T::one()
+        (T::zero()..=T::one()).contains(&self.0)
     }
 }
 

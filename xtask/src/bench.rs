@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 use crate::{
     build::{self, BuildArguments, Images},
     elf::Sizes,
-    figure::{Figure, printed},
+    figure::{Figure, grouped, printed},
     hil::{self, Flight},
-    order, planner,
+    order, page, planner,
     qemu::Board,
     tools::Compiler,
 };
@@ -74,7 +74,7 @@ pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
     let compiler = Compiler::find(root)?.version(root)?;
     let table = table(&figures, &compiler)?;
     println!("{table}");
-    write_table(&root.join("docs/target.md"), &table)?;
+    page::replace(&root.join("docs/target.md"), [BEGIN, END], &table)?;
     check_limits(&figures)?;
     let baseline = root.join("firmware/baseline.json");
     if arguments.accept {
@@ -191,19 +191,6 @@ fn stack_bytes(
     Ok(bytes)
 }
 
-/// Formats 12345678 as 12,345,678.
-fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let mut grouped = String::new();
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            grouped.push(',');
-        }
-        grouped.push(digit);
-    }
-    grouped
-}
-
 fn table(figures: &[Figure], compiler: &str) -> Result<String> {
     let mut table = String::new();
     writeln!(
@@ -225,19 +212,6 @@ fn table(figures: &[Figure], compiler: &str) -> Result<String> {
     }
     write!(table, "\nMeasured with {compiler}.")?;
     Ok(table)
-}
-
-fn write_table(path: &Path, table: &str) -> Result<()> {
-    let page = fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    let place = || {
-        let (before, rest) = page.split_once(BEGIN)?;
-        let (_, after) = rest.split_once(END)?;
-        Some((before, after))
-    };
-    let (before, after) =
-        place().with_context(|| format!("{}: no {BEGIN} and {END}", path.display()))?;
-    let page = format!("{before}{BEGIN}\n{table}\n{END}{after}");
-    fs::write(path, page).with_context(|| path.display().to_string())
 }
 
 /// Checks the figures that have a limit. No baseline can replace it.

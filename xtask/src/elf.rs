@@ -1,4 +1,4 @@
-//! Reads the sizes of the sections of an image.
+//! Reads the sizes of the sections of an image, and the places from which a program can panic.
 
 use std::{fs, path::Path};
 
@@ -49,4 +49,51 @@ impl Sizes {
         }
         Ok(sizes)
     }
+}
+
+/// Returns the places `file:line` that a program names in panics; files of the workspace relative to
+/// `root`.
+pub(crate) fn panic_locations(path: &Path, root: &Path) -> Result<Vec<String>> {
+    let file = fs::read(path).with_context(|| path.display().to_string())?;
+    let image = object::File::parse(&*file).with_context(|| path.display().to_string())?;
+    let constants = image.section_by_name(".rodata").context("no .rodata")?;
+    let (base, bytes) = (constants.address(), constants.data()?);
+    // A `core::panic::Location`: address and length of the file's name, line and column.
+    let (words, _) = bytes.as_chunks::<4>();
+    let words: Vec<u32> = words.iter().map(|&word| u32::from_le_bytes(word)).collect();
+    let mut places: Vec<(&str, u32)> = words
+        .windows(4)
+        .filter_map(|words| {
+            let &[address, length, line, _] = words else {
+                return None;
+            };
+            let start = usize::try_from(u64::from(address).checked_sub(base)?).ok()?;
+            let name = bytes.get(start..start.checked_add(length as usize)?)?;
+            let name = str::from_utf8(name).ok()?;
+            name.ends_with(".rs").then_some((name, line))
+        })
+        .collect();
+    places.sort_unstable();
+    places.dedup();
+    Ok(places
+        .into_iter()
+        .map(|(name, line)| format!("{}:{line}", shown(name, root)))
+        .collect())
+}
+
+/// Returns the name of a source file without the place of the workspace, the library or the registry.
+fn shown<'n>(name: &'n str, root: &Path) -> &'n str {
+    if let Some(file) = Path::new(name)
+        .strip_prefix(root)
+        .ok()
+        .and_then(Path::to_str)
+    {
+        return file;
+    }
+    if let Some((_, file)) = name.split_once("/rust/library/") {
+        return file;
+    }
+    let registry = name.split_once("/registry/src/");
+    let file = registry.and_then(|(_, file)| file.split_once('/'));
+    file.map_or(name, |(_, file)| file)
 }

@@ -1,4 +1,5 @@
-//! One figure of a benchmark's table, and the lines that a benchmark image prints.
+//! One figure of a benchmark's table, how numbers are printed, and the lines that a benchmark image
+//! prints.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -38,4 +39,17 @@ pub(crate) fn printed(root: &Path, image: &Path) -> Result<BTreeMap<String, Valu
         lines.insert(name.to_owned(), line);
     }
     Ok(lines)
+}
+
+/// Formats 12345678 as 12,345,678.
+pub(crate) fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut grouped = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            grouped.push(',');
+        }
+        grouped.push(digit);
+    }
+    grouped
 }

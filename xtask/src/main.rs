@@ -1,7 +1,8 @@
 //! `cargo xtask`: developer commands that need more than cargo.
 //!
-//! `cargo xtask firmware build|bench|hil|faults` builds the microcontroller image, measures its
-//! cost, and flies missions with it in QEMU, some of them over a damaged link; docs/target.md
+//! `cargo xtask firmware build|bench|panics|hil|faults` builds the microcontroller image, measures
+//! its cost, shows what cannot panic, and flies missions with it in QEMU, some of them over a damaged
+//! link; docs/target.md
 //! explains the purpose. `cargo xtask flights` writes the table of flights on real autopilots.
 
 mod bench;
@@ -12,6 +13,8 @@ mod figure;
 mod flights;
 mod hil;
 mod order;
+mod page;
+mod panics;
 mod planner;
 mod qemu;
 mod tools;
@@ -49,6 +52,10 @@ enum Firmware {
     /// Measure the instructions and bytes of the image, write the table in docs/target.md, and fail
     /// if a figure has grown by more than 3 % over firmware/baseline.json
     Bench(bench::BenchArguments),
+    /// Link a program for each entry point of firmware-core against a panic handler that does not
+    /// exist, write the table in docs/target.md, and fail if an entry point that could not panic now
+    /// can
+    Panics(panics::PanicsArguments),
     /// Fly a mission with the image in QEMU as controller, fly it again with the same controller in
     /// a host process, and fail if the flights differ
     Hil(hil::HilArguments),
@@ -77,6 +84,7 @@ fn firmware(root: &Path, command: Firmware) -> Result<()> {
     match command {
         Firmware::Build(arguments) => build::run(root, &arguments).map(drop),
         Firmware::Bench(arguments) => bench::run(root, &arguments),
+        Firmware::Panics(arguments) => panics::run(root, &arguments),
         Firmware::Hil(arguments) => hil::run(root, &arguments),
         Firmware::Faults(arguments) => faults::run(root, &arguments),
     }

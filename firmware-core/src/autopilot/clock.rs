@@ -28,6 +28,7 @@
 //! Worst case: [`BUCKETS`] points, one selection a second, [`BURSTS`] comparisons a
 //! message. About 900 bytes.
 
+use crate::sort::insertion_sort;
 use crate::time::{Duration, Instant};
 
 /// The length of a bucket, in our time.
@@ -249,9 +250,10 @@ impl VehicleClock {
             // There are no more than BUCKETS slopes.
             let _ = slopes.push(vehicle / ours.max(1.0));
         }
-        let middle = slopes.len() / 2;
-        let (_, &mut median, _) = slopes.select_nth_unstable_by(middle, f64::total_cmp);
-        if RATES.contains(&median) {
+        insertion_sort(&mut slopes, |a, b| a < b);
+        if let Some(&median) = slopes.get(slopes.len() / 2)
+            && RATES.contains(&median)
+        {
             self.rate = median;
         }
     }

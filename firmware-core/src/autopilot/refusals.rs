@@ -5,6 +5,7 @@ use heapless::Vec;
 use super::client::Autopilot;
 use super::phase::{Obstacle, Phase};
 use super::preflight::{PreflightRefusal, REFUSALS, own_fence};
+use crate::collect::collect_first;
 use crate::scalar::Scalar;
 use crate::time::Instant;
 
@@ -12,19 +13,18 @@ impl<T: Scalar> Autopilot<T> {
     /// Returns the reasons known so far that prevent a start and do not go away by waiting. Empty
     /// once the flight has begun.
     pub fn refusals(&self, now: Instant) -> Vec<PreflightRefusal, REFUSALS> {
-        let mut refusals = Vec::new();
-        if matches!(self.phase(), Phase::Checking | Phase::Standby) {
-            let obstacle = self.look_for_obstacle(now);
-            let all = [
-                self.refuse_distance(obstacle),
-                self.refuse_speed(),
-                self.refuse_battery(obstacle),
-            ];
-            let fence = self.refuse_own_fence(obstacle);
-            // The capacity is the number of refusals.
-            refusals.extend(all.into_iter().chain(fence).flatten());
+        if !matches!(self.phase(), Phase::Checking | Phase::Standby) {
+            return Vec::new();
         }
-        refusals
+        let obstacle = self.look_for_obstacle(now);
+        let all = [
+            self.refuse_distance(obstacle),
+            self.refuse_speed(),
+            self.refuse_battery(obstacle),
+        ];
+        let fence = self.refuse_own_fence(obstacle);
+        // The capacity is the number of refusals.
+        collect_first(all.into_iter().chain(fence).flatten())
     }
 
     /// Returns whether the vehicle reports its position on Earth.

@@ -15,6 +15,7 @@
 use heapless::Vec;
 
 use crate::{
+    collect::collect_first,
     inner::bounded::GainBounds,
     mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
@@ -121,12 +122,8 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
         let sensors = p.sensors.iter().enumerate();
         AgedState {
             age_slots,
-            users: users
-                .map(|(m, ground)| bounds(ground, self.users.get(m)))
-                .collect(),
-            sensors: sensors
-                .map(|(j, ground)| bounds(ground, self.sensors.get(j)))
-                .collect(),
+            users: collect_first(users.map(|(m, ground)| bounds(ground, self.users.get(m)))),
+            sensors: collect_first(sensors.map(|(j, ground)| bounds(ground, self.sensors.get(j)))),
         }
     }
 }

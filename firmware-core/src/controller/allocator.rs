@@ -7,6 +7,7 @@ use super::{
     exchange::{ChannelSource, ChannelState, Plan, SlotCommand},
 };
 use crate::{
+    collect::collect_first,
     inner::{Method, SlotAllocation, SlotLimits, Workspace},
     mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
@@ -61,11 +62,11 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
             rejected_gains += 1;
             PowerGain(T::zero())
         };
-        let user_gains: Vec<_, M> = state.user_gains.iter().map(&mut sane).collect();
-        let sensor_gains: Vec<_, J> = state.sensor_gains.iter().map(&mut sane).collect();
-        let gain = |user: usize| user_gains[user].0;
+        let user_gains: Vec<_, M> = collect_first(state.user_gains.iter().map(&mut sane));
+        let sensor_gains: Vec<_, J> = collect_first(state.sensor_gains.iter().map(&mut sane));
+        let gain = |user: usize| user_gains.get(user).copied().unwrap_or_default().0;
         let served_user = recipient(mission, fairness, plan.served_user, gain);
-        let user_gain = served_user.map(|user| user_gains[user]);
+        let user_gain = served_user.and_then(|user| user_gains.get(user).copied());
         let gains = mission.of_sensors(&sensor_gains);
         let mut command = SlotCommand {
             served_user,
@@ -74,7 +75,7 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
             ..SlotCommand::silent(plan.slot, sensor_gains.len())
         };
         // A processor may have no instruction for square roots: each is computed once.
-        let amplitude_gains: Vec<T, J> = gains.map(|gain| gain.amplitude()).collect();
+        let amplitude_gains: Vec<T, J> = collect_first(gains.map(|gain| gain.amplitude()));
         let coefficients = &mut command.sensor_coefficients;
         // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
         // one did, nobody would transmit.
@@ -108,10 +109,10 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
         measured: &Position<T>,
     ) -> SlotCommand<T, J> {
         let state = self.last_state.aged(mission, plan.slot, measured);
-        let gain = |user: usize| state.users[user].least.0;
+        let gain = |user: usize| state.users.get(user).copied().unwrap_or_default().least.0;
         let served_user = recipient(mission, fairness, plan.served_user, gain);
-        let user = served_user.map(|user| state.users[user]);
-        let sensors: Vec<_, J> = mission.of_sensors(&state.sensors).copied().collect();
+        let user = served_user.and_then(|user| state.users.get(user).copied());
+        let sensors: Vec<_, J> = collect_first(mission.of_sensors(&state.sensors).copied());
         let guarantee = self.workspace.guarantee(&self.limits, &sensors, user);
         debug_assert!(guarantee.is_ok(), "{guarantee:?}");
         let mut command = SlotCommand {
@@ -146,9 +147,9 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
     ) -> Option<usize> {
         let state = ChannelState::predicted(mission, 0, waypoint);
         let gains = mission.of_sensors(&state.sensor_gains);
-        let gains: Vec<_, J> = gains.copied().collect();
+        let gains: Vec<_, J> = collect_first(gains.copied());
         let field = self.workspace.sensors(&self.limits, &gains).ok()?;
-        fairness.best(|user| field.rate(state.user_gains[user]))
+        fairness.best(|user| field.rate(state.user_gains.get(user).copied().unwrap_or_default()))
     }
 }
 

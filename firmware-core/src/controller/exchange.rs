@@ -4,6 +4,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    collect::collect_first,
     inner::Status,
     mission::Mission,
     scalar::{Position, Scalar},
@@ -31,8 +32,8 @@ impl<T: Scalar, const M: usize, const J: usize> ChannelState<T, M, J> {
         let gain = |ground: &Position<T>| channel.power_gain(vehicle, ground);
         Self {
             slot,
-            user_gains: p.users.iter().map(gain).collect(),
-            sensor_gains: p.sensors.iter().map(gain).collect(),
+            user_gains: collect_first(p.users.iter().map(gain)),
+            sensor_gains: collect_first(p.sensors.iter().map(gain)),
         }
     }
 }
@@ -105,7 +106,7 @@ impl<T: Scalar, const J: usize> SlotCommand<T, J> {
             slot,
             served_user: None,
             user_power: Watt(T::zero()),
-            sensor_coefficients: core::iter::repeat_n(T::zero(), sensors).collect(),
+            sensor_coefficients: collect_first(core::iter::repeat_n(T::zero(), sensors)),
             normalizing_factor: T::zero(),
             rate: T::zero(),
             mse,

@@ -159,12 +159,23 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
 
     /// Makes the changes that are in effect from the coming slot on.
     fn make_due_changes(&mut self) {
-        let slot = self.slots_done + 1;
-        let is_due = |change: &DatedChange<T>| change.from_slot <= slot;
-        while let Some(index) = self.pending.iter().position(is_due) {
-            let due = self.pending.remove(index);
+        while let Some(due) = self.take_due_change() {
             self.make_change(&due.change);
         }
+    }
+
+    /// Takes the first pending change that is in effect from the coming slot on.
+    fn take_due_change(&mut self) -> Option<DatedChange<T>> {
+        let slot = self.slots_done + 1;
+        let mut due = None;
+        self.pending.retain(|change| {
+            let takes = due.is_none() && change.from_slot <= slot;
+            if takes {
+                due = Some(*change);
+            }
+            !takes
+        });
+        due
     }
 
     fn make_change(&mut self, change: &MissionChange<T>) {

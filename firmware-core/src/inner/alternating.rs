@@ -25,7 +25,9 @@
 //! budget `B` is a difference. The exact solver has no such difference.
 
 use super::{
-    LimitedBy, SlotError, Solution, Status, level::Level, level::SensorField, rate::rate_of_sinr,
+    LimitedBy, SlotError, Solution, Status,
+    level::{Level, Segment, SensorField},
+    rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 use serde::{Deserialize, Serialize};
@@ -238,11 +240,11 @@ impl<T: Scalar> SensorField<'_, T> {
         let deficit = self.kappa / eta;
         // The largest signal that the MSE allows at a level, for this eta.
         let room = |level: &Level<T>| (two * level.sum - deficit) / eta - level.energy;
-        let ceiling = (T::one() / eta).min(self.amplitude[self.sensor_count() - 1]);
+        let ceiling = (T::one() / eta).min(self.strongest());
         let stationary = self.first_level(
             ceiling,
-            |k, c| c * (two * self.level_in_segment(k, c).sum - deficit) >= psi,
-            |strong, below| {
+            |segment, c| c * (two * segment.level(c).sum - deficit) >= psi,
+            |Segment { strong, below }| {
                 let half = below.amplitude - deficit / two;
                 let root = (half * half + two * strong * psi).sqrt();
                 if half > T::zero() {
@@ -255,8 +257,8 @@ impl<T: Scalar> SensorField<'_, T> {
         let least_for = |signal: T| {
             self.first_level(
                 ceiling,
-                |k, c| room(&self.level_in_segment(k, c)) >= signal,
-                |strong, below| {
+                |segment, c| room(&segment.level(c)) >= signal,
+                |Segment { strong, below }| {
                     let rest =
                         T::one() + below.energy + signal - (two * below.amplitude - deficit) / eta;
                     let (rest, top) = (rest / strong, T::one() / eta);

@@ -197,17 +197,14 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
             sensors: sensors.len(),
             capacity: J,
         };
-        if sensors.len() > J {
-            return Err(too_many);
-        }
         let noise_amplitude = limits.noise_power.0.sqrt();
-        let least: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.least).collect();
-        let most: Vec<PowerGain<T>, J> = sensors.iter().map(|gain| gain.most).collect();
-        check_gains(most.iter().copied())?;
-        let ends: Vec<Ends<T>, J> = sensors
-            .iter()
-            .map(|gain| Ends::of(gain, noise_amplitude))
-            .collect();
+        let (mut least, mut ends) = (Vec::<_, J>::new(), Vec::<_, J>::new());
+        for gain in sensors {
+            least.push(gain.least).map_err(|_| too_many)?;
+            let gain_ends = Ends::of(gain, noise_amplitude);
+            ends.push(gain_ends).map_err(|_| too_many)?;
+        }
+        check_gains(sensors.iter().map(|gain| gain.most))?;
         let user = user.unwrap_or_default();
         SlotError::check_user(Some(user.least))?;
         let for_low_ends = self.sensors(limits, &least)?.solve(Some(user.most))?;

@@ -10,7 +10,7 @@
 
 use super::{
     LimitedBy, SlotError, Solution, Status,
-    level::{Level, SensorField},
+    level::{Level, Segment, SensorField},
     rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
@@ -66,14 +66,14 @@ impl<T: Scalar> SensorField<'_, T> {
     /// `c*` of `D(c) = A(c)^2 - kappa (q + E(c))`, which the caller knows to be positive at `c*`.
     /// Wherever `f >= kappa`, `D` rises, and below that it is negative: it changes sign once.
     pub(super) fn quietest_level(&self, signal: T) -> Level<T> {
-        let reaches = |k: usize, c: T| {
-            let level = self.level_in_segment(k, c);
+        let reaches = |segment: Segment<T>, c: T| {
+            let level = segment.level(c);
             level.sum * level.sum >= self.kappa * (signal + level.energy)
         };
         // With r sensors at the level, P and W the sums below, divided by r:
         // (r - kappa) c^2 + 2 P c - (kappa (q + 1 + W) - P^2) / r = 0. The root where D rises,
         // in the form that does not cancel.
-        self.first_level(self.peak.c, reaches, |strong, below| {
+        self.first_level(self.peak.c, reaches, |Segment { strong, below }| {
             let missing = (self.kappa * (signal + T::one() + below.energy)
                 - below.amplitude * below.amplitude)
                 / strong;

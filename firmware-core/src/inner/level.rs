@@ -17,6 +17,7 @@
 use super::{
     error::{SlotError, check_gains},
     limits::SlotLimits,
+    sort::sort,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 
@@ -92,6 +93,27 @@ impl<T: Scalar> Level<T> {
     }
 }
 
+/// The levels between two neighbouring amplitudes, where the same sensors reduce their power.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Segment<T> {
+    /// The number of sensors at the level, `J - k`.
+    pub(super) strong: T,
+    /// The sums over the `k` sensors below it, which transmit with full power.
+    pub(super) below: PrefixSum<T>,
+}
+
+impl<T: Scalar> Segment<T> {
+    /// Returns `A` and `E` at a level `c` of this segment.
+    pub(super) fn level(&self, c: T) -> Level<T> {
+        let Self { strong, below } = *self;
+        Level {
+            c,
+            sum: below.amplitude + strong * c,
+            energy: T::one() + below.energy + strong * c * c,
+        }
+    }
+}
+
 /// The sensors of one slot at one position, sorted, with the peak level: everything that does not
 /// depend on the user.
 #[derive(Clone, Debug)]
@@ -150,8 +172,8 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         for (a, gain) in amplitude.iter_mut().zip(amplitude_gains) {
             *a = (coefficient_max * gain / noise_amplitude).min(strongest);
         }
-        amplitude.sort_unstable_by(T::order);
         let sums = &mut sums[..sensors];
+        sort(amplitude, sums);
         let mut running = PrefixSum::default();
         for (sum, &a) in sums.iter_mut().zip(amplitude.iter()) {
             *sum = running;
@@ -205,58 +227,68 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         power * (user.0 / self.limits.noise_power.0)
     }
 
-    /// Returns `A` and `E` at level `c`, which lies in segment `k`: above the `k` weakest sensors.
-    pub(super) fn level_in_segment(&self, k: usize, c: T) -> Level<T> {
-        let strong = T::count(self.sensor_count() - k);
-        let below = self.sums[k];
-        Level {
-            c,
-            sum: below.amplitude + strong * c,
-            energy: T::one() + below.energy + strong * c * c,
-        }
+    /// Returns the strongest amplitude.
+    pub(super) fn strongest(&self) -> T {
+        self.amplitude.last().copied().unwrap_or_default()
     }
 
-    /// Returns the level inside the first segment whose upper end is `enough`: a predicate of the
-    /// end of segment `k`, `c = a_k`, that is false up to some amplitude and true from it on.
-    /// `within` gives the level for `J - k` sensors at it and the sums of those below; it is
-    /// limited to the segment and to `ceiling`. Worst case: `log2 J` evaluations of the predicate.
+    /// Returns the level at which all sensors transmit with full power: the strongest amplitude.
+    pub(super) fn at_full_power(&self) -> Level<T> {
+        let (segment, strongest) = self.segment(self.sensor_count().saturating_sub(1));
+        segment.level(strongest)
+    }
+
+    /// Returns the level with the least `c` that satisfies a predicate of levels, where that is
+    /// false up to some `c` and true from there on. `enough` is the predicate at the ends of the
+    /// segments: at an amplitude, with the segment below it. `within` solves it within the segment
+    /// found; its result is limited to the segment and to `ceiling`. Worst case: `log2 J`
+    /// evaluations of the predicate.
     pub(super) fn first_level(
         &self,
         ceiling: T,
-        enough: impl Fn(usize, T) -> bool,
-        within: impl FnOnce(T, PrefixSum<T>) -> T,
+        enough: impl Fn(Segment<T>, T) -> bool,
+        within: impl FnOnce(Segment<T>) -> T,
     ) -> Level<T> {
-        let (mut low, mut high) = (0, self.sensor_count() - 1);
+        let (mut low, mut high) = (0, self.sensor_count().saturating_sub(1));
         while low < high {
             let middle = low + (high - low) / 2;
-            let c = self.amplitude[middle];
-            if c >= ceiling || enough(middle, c) {
+            let (segment, c) = self.segment(middle);
+            if c >= ceiling || enough(segment, c) {
                 high = middle;
             } else {
                 low = middle + 1;
             }
         }
-        let floor = match low {
-            0 => T::zero(),
-            k => self.amplitude[k - 1],
-        };
-        let top = self.amplitude[low].min(ceiling);
-        let c = within(T::count(self.sensor_count() - low), self.sums[low]);
+        let weaker = low.checked_sub(1).and_then(|k| self.amplitude.get(k));
+        let floor = weaker.copied().unwrap_or_default();
+        let (segment, end) = self.segment(low);
+        let top = end.min(ceiling);
+        let c = within(segment);
         // Where rounding leads out of the segment, its end is returned; also for a quotient 0/0,
         // which occurs only in an empty segment.
         let c = if c < top { c.max(floor) } else { top };
-        self.level_in_segment(low, c)
+        segment.level(c)
+    }
+
+    /// Returns segment `k` and its upper end, `a_k`. There are `J` segments, `J >= 1`, and callers
+    /// ask for no other, so the defaults are never used.
+    fn segment(&self, k: usize) -> (Segment<T>, T) {
+        let segment = Segment {
+            strong: T::count(self.sensor_count().saturating_sub(k)),
+            below: self.sums.get(k).copied().unwrap_or_default(),
+        };
+        (segment, self.amplitude.get(k).copied().unwrap_or_default())
     }
 
     /// Returns `c*`: the level where `E - c A` reaches 0, or the strongest amplitude where it never
     /// does. With `k` sensors below, the quadratic terms cancel: `E - c A = 1 + energy_k - c
     /// amplitude_k`, which is decreasing.
     fn find_peak(&self) -> Level<T> {
-        let rest = |below: PrefixSum<T>| T::one() + below.energy;
+        let rest = |below: &PrefixSum<T>| T::one() + below.energy;
         self.first_level(
-            self.amplitude[self.sensor_count() - 1],
-            |k, c| rest(self.sums[k]) <= c * self.sums[k].amplitude,
-            |_, below| rest(below) / below.amplitude,
+            self.strongest(),
+            |Segment { below, .. }, c| rest(&below) <= c * below.amplitude,
+            |Segment { below, .. }| rest(&below) / below.amplitude,
         )
     }
 }

@@ -28,6 +28,7 @@ mod method;
 mod rate;
 mod scheme;
 mod solution;
+mod sort;
 
 pub use allocation::SlotAllocation;
 pub use error::SlotError;

@@ -65,8 +65,7 @@ impl<T: Scalar> SensorField<'_, T> {
         } else {
             T::zero()
         };
-        let last = self.sensor_count() - 1;
-        let all = self.level_in_segment(last, self.amplitude[last]);
+        let all = self.at_full_power();
         let level = Level {
             sum: all.sum * fraction,
             energy: T::one() + (all.energy - T::one()) * fraction * fraction,

@@ -5,6 +5,7 @@ use heapless::Vec;
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{
+    byte_stuffing::unstuff,
     error::{FrameError, FrameTooLong},
     message::{FRAME_MAX, Message, PROTOCOL_VERSION, frame_max},
     status::LinkCounters,
@@ -56,16 +57,17 @@ pub(crate) fn seal<'f, const N: usize>(
     plain[0] = version;
     let body = postcard::to_slice(message, &mut plain[1..N - 4]).map_err(|_| too_long)?;
     let end = 1 + body.len();
-    let checksum = CHECKSUM.checksum(&plain[..end]).to_le_bytes();
-    plain[end..end + 4].copy_from_slice(&checksum);
-    let plain = &plain[..end + 4];
+    let (checked, rest) = plain.split_at_mut_checked(end).ok_or(too_long)?;
+    *rest.first_chunk_mut().ok_or(too_long)? = CHECKSUM.checksum(checked).to_le_bytes();
+    let plain = plain.get(..end + 4).ok_or(too_long)?;
     if 1 + cobs::max_encoding_length(plain.len()) + 1 > capacity {
         return Err(too_long);
     }
-    frame[0] = 0;
-    let encoded = cobs::encode(plain, &mut frame[1..]);
-    frame[1 + encoded] = 0;
-    Ok(&frame[..encoded + 2])
+    let (start, room) = frame.split_first_mut().ok_or(too_long)?;
+    *start = 0;
+    let encoded = cobs::try_encode(plain, room).map_err(|_| too_long)?;
+    *room.get_mut(encoded).ok_or(too_long)? = 0;
+    frame.get(..encoded + 2).ok_or(too_long)
 }
 
 /// Finds messages in a stream of bytes. `N` is the length of the longest frame that it accepts.
@@ -129,9 +131,8 @@ impl<const N: usize> Decoder<N> {
 
 /// Decodes a message from the bytes between two delimiters.
 fn decode<D: DeserializeOwned>(expected: u8, frame: &mut [u8]) -> Result<D, FrameError> {
-    let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Malformed)?;
-    let (plain, checksum) = frame[..length]
-        .split_last_chunk::<4>()
+    let (plain, checksum) = unstuff(frame)
+        .and_then(|plain| plain.split_last_chunk::<4>())
         .ok_or(FrameError::Malformed)?;
     let (&version, body) = plain.split_first().ok_or(FrameError::Malformed)?;
     if CHECKSUM.checksum(plain) != u32::from_le_bytes(*checksum) {

@@ -16,6 +16,7 @@
 //!
 //! Worst case: one pass over a frame of at most [`FRAME_MAX`] bytes.
 
+mod byte_stuffing;
 mod error;
 mod frame;
 mod message;

@@ -176,16 +176,17 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         let p = &mut changed.parameters;
         match *change {
             MissionChange::User { user, position_m } => {
-                let joins = set_place(&mut p.users, ("user", user), position_m)?;
+                let absent = &mut changed.absent_users;
+                let joins = set_place(&mut p.users, absent, ("user", user), position_m)?;
                 let user = usize::from(user);
-                if joins || !self.has_user(user) {
-                    changed.joined_after[user] = slots_begun;
+                let is_back = joins || !self.has_user(user);
+                if let Some(after) = changed.joined_after.get_mut(user).filter(|_| is_back) {
+                    *after = slots_begun;
                 }
-                changed.absent_users[user] = false;
             }
             MissionChange::Sensor { sensor, position_m } => {
-                set_place(&mut p.sensors, ("sensor", sensor), position_m)?;
-                changed.absent_sensors[usize::from(sensor)] = false;
+                let absent = &mut changed.absent_sensors;
+                set_place(&mut p.sensors, absent, ("sensor", sensor), position_m)?;
             }
             MissionChange::UserLeft { user } => {
                 leave(&mut changed.absent_users, p.users.len(), ("user", user))?;
@@ -209,26 +210,29 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
     }
 }
 
-/// Sets the place of a user or sensor and returns whether it is a new one.
+/// Sets the place of a user or sensor, which is there from now on, and returns whether it is a new
+/// one.
 fn set_place<T: Scalar, const N: usize>(
     places: &mut heapless::Vec<Position<T>, N>,
+    absent: &mut [bool; N],
     (what, number): (&'static str, u16),
     position_m: Position<T>,
 ) -> Result<bool, ChangeError<T>> {
-    let next = places.len();
-    if let Some(place) = places.get_mut(usize::from(number)) {
-        *place = position_m;
-        return Ok(false);
-    }
-    if usize::from(number) > next {
+    let (index, next) = (usize::from(number), places.len());
+    if index > next {
         return Err(ChangeError::UnknownNumber { what, number, next });
     }
-    places.push(position_m).map_err(|_| ChangeError::Full {
+    let full = ChangeError::Full {
         what,
         number,
         capacity: N,
-    })?;
-    Ok(true)
+    };
+    *absent.get_mut(index).ok_or(full)? = false;
+    match places.get_mut(index) {
+        Some(place) => *place = position_m,
+        None => places.push(position_m).map_err(|_| full)?,
+    }
+    Ok(index == next)
 }
 
 fn leave<T: Scalar, const N: usize>(
@@ -236,13 +240,11 @@ fn leave<T: Scalar, const N: usize>(
     count: usize,
     (what, number): (&'static str, u16),
 ) -> Result<(), ChangeError<T>> {
-    let index = usize::from(number);
-    if index >= count {
-        let next = count;
-        return Err(ChangeError::UnknownNumber { what, number, next });
-    }
-    absent[index] = true;
-    if absent[..count].iter().all(|&absent| absent) {
+    let next = count;
+    let unknown = ChangeError::UnknownNumber { what, number, next };
+    let absent = absent.get_mut(..count).ok_or(unknown)?;
+    *absent.get_mut(usize::from(number)).ok_or(unknown)? = true;
+    if absent.iter().all(|&absent| absent) {
         return Err(ChangeError::LastOne { what, number });
     }
     Ok(())

@@ -100,12 +100,12 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
 
     /// Returns whether the mission has this user now: the number exists, and the user has not left.
     pub fn has_user(&self, user: usize) -> bool {
-        user < self.user_count() && !self.absent_users[user]
+        user < self.user_count() && self.absent_users.get(user) == Some(&false)
     }
 
     /// Returns whether the mission has this sensor now: the number exists, and it has not left.
     pub fn has_sensor(&self, sensor: usize) -> bool {
-        sensor < self.sensor_count() && !self.absent_sensors[sensor]
+        sensor < self.sensor_count() && self.absent_sensors.get(sensor) == Some(&false)
     }
 
     /// Returns those of `values`, one per sensor, that belong to sensors that have not left.
@@ -119,18 +119,20 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
     #[cfg(feature = "policy")]
     pub(crate) fn spread_to_sensors<V: Copy>(&self, values: &mut [V], none: V) {
         let sensors = self.sensor_count().min(values.len());
-        let absent = &self.absent_sensors[..sensors];
-        let mut next = absent.iter().filter(|&&absent| !absent).count();
+        let absent = self.absent_sensors.iter().take(sensors);
+        let mut next = absent.clone().filter(|&&absent| !absent).count();
         if next == sensors {
             return;
         }
-        for (sensor, &absent) in absent.iter().enumerate().rev() {
-            values[sensor] = if absent {
-                none
-            } else {
-                next -= 1;
-                values[next]
-            };
+        for (sensor, &absent) in absent.enumerate().rev() {
+            let mut value = none;
+            if !absent {
+                next = next.saturating_sub(1);
+                value = values.get(next).copied().unwrap_or(none);
+            }
+            if let Some(place) = values.get_mut(sensor) {
+                *place = value;
+            }
         }
     }
 
@@ -152,14 +154,18 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         if !self.has_user(user) {
             return 0;
         }
-        let slots = self.slots().saturating_sub(self.joined_after[user]);
-        slots / self.users().count() as u32
+        let joined_after = self.joined_after.get(user).copied().unwrap_or(0);
+        let slots = self.slots().saturating_sub(joined_after);
+        // There is this user at least.
+        slots.checked_div(self.users().count() as u32).unwrap_or(0)
     }
 
     /// Returns `floor(N / M)`, the number of slots that every user must be served in (eq:a3), for a
     /// mission in which nobody joins or leaves; otherwise see [`quota_of`](Self::quota_of).
     pub fn quota(&self) -> u32 {
-        self.parameters.slots / self.parameters.users.len() as u32
+        let users = self.parameters.users.len() as u32;
+        // A mission has users.
+        self.parameters.slots.checked_div(users).unwrap_or(0)
     }
 
     /// Returns `V_max delta`, the distance that the vehicle can fly in a slot, metres (eq:traj1).

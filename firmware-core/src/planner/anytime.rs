@@ -11,6 +11,7 @@ use super::{
     settings::PlannerSettings,
 };
 use crate::{
+    collect::collect_first,
     mission::{Mission, MissionChange},
     policy::{Action, Observation, PlanQuality, Policy},
     scalar::{Displacement, Position, Scalar},
@@ -181,7 +182,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
     /// Worst case: 29 candidate places for every slot that remains. The state is copied.
     pub fn restart(&mut self, state: &PlannerState<'_, T>) {
         let slots = self.search.mission.slots();
-        let slot = state.slot.clamp(1, slots + 1);
+        let slot = state.slot.min(slots.saturating_add(1)).max(1);
         let ahead = slot.checked_sub(self.slot).map(|passed| passed as usize);
         self.agility = sound(&state.agility, &self.search.mission);
         if let Some(passed) = ahead {
@@ -219,7 +220,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let route = Route::new(&search.mission, position, slots, &self.agility);
         let users = search.mission.user_count();
         // The counts of users that may join later are kept, too.
-        self.counts = counts.iter().copied().take(M).collect();
+        self.counts = collect_first(counts.iter().copied());
         search.least = [0; M];
         for (user, least) in search.least.iter_mut().enumerate().take(users) {
             let count = counts.get(user).copied().unwrap_or(0);
@@ -392,7 +393,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
         let users = observation.counts.len().min(M);
         Action {
             displacement: waypoint.map_or(Displacement::zeros(), |waypoint| waypoint - here),
-            user_scores: (0..users).map(score).collect(),
+            user_scores: collect_first((0..users).map(score)),
         }
     }
 

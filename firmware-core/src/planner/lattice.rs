@@ -63,7 +63,9 @@ impl<T: Scalar> Lattice<T> {
 
     /// Returns the position of a node, metres.
     pub(super) fn node(&self, index: usize) -> Position<T> {
-        let (column, row) = (index % self.columns, index / self.columns);
+        // There are at least `SIDE_MIN`.
+        let columns = self.columns.max(SIDE_MIN);
+        let (column, row) = (index % columns, index / columns);
         Position::new(
             self.south_west.x + self.spacing.x * T::count(column),
             self.south_west.y + self.spacing.y * T::count(row),
@@ -195,9 +197,12 @@ pub(super) fn unit<T: Scalar>(index: usize, count: usize) -> Displacement<T> {
 /// Splits a distance into whole steps and the fraction beyond them, clamped to a little more than
 /// the grid.
 fn split<T: Scalar>(nodes: T, count: usize) -> (isize, T) {
-    let held = nodes
-        .to_f64()
-        .clamp(-2.0 * count as f64, 2.0 * count as f64);
+    let (mut held, limit) = (nodes.to_f64(), 2.0 * count as f64);
+    if held < -limit {
+        held = -limit;
+    } else if held > limit {
+        held = limit;
+    }
     let mut whole = held as isize;
     if (whole as f64) > held {
         whole -= 1;
@@ -217,8 +222,8 @@ fn split<T: Scalar>(nodes: T, count: usize) -> (isize, T) {
 /// it.
 fn range(by: isize, extra: isize, count: usize) -> core::ops::Range<usize> {
     let count = count as isize;
-    let start = (-by).clamp(0, count);
-    let end = (count - by - extra).clamp(start, count);
+    let start = (-by).min(count).max(0);
+    let end = (count - by - extra).min(count).max(start);
     start as usize..end as usize
 }
 

@@ -60,9 +60,11 @@ impl Change {
         };
         match self {
             Self::Swap => {
-                let last = between.len() - 1;
-                between.swap(0, last);
+                if let [first, .., last] = between {
+                    core::mem::swap(first, last);
+                }
             }
+            _ if between.is_empty() => {}
             Self::Later => between.rotate_left(1),
             Self::Earlier => between.rotate_right(1),
         }

@@ -415,7 +415,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             return 1;
         };
         worth.fill(T::of(f64::NEG_INFINITY));
-        let rates = parts.rates.chunks_exact(nodes).take(users);
+        let rates = parts.rates.chunks_exact(nodes.max(1)).take(users);
         for (rates, &price) in rates.zip(&self.prices.values) {
             for (worth, &rate) in worth.iter_mut().zip(rates) {
                 let priced = rate + price;
@@ -431,13 +431,13 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         self.loss_per_m = span * T::of(2.0) / self.route.step_m.max(T::of(1e-6));
         self.phase = Phase::Backward {
             worth: Worth::Priced,
-            left: self.stages.count,
+            left: self.stages.count.get(),
         };
         (2 * nodes * users) as u64
     }
 
     fn backward(&mut self, worth: Worth, left: usize, parts: &mut Parts<'_, T>) -> u64 {
-        if left == self.stages.count {
+        if left == self.stages.count.get() {
             self.stages
                 .finish(&self.route, self.loss_per_m, parts.value);
         }
@@ -455,7 +455,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
 
     fn forward(&mut self, worth: Worth, stage: usize, parts: &mut Parts<'_, T>) -> u64 {
         self.stages.forward(&self.route, stage, parts);
-        self.phase = if stage + 1 < self.stages.count {
+        self.phase = if stage + 1 < self.stages.count.get() {
             Phase::Forward {
                 worth,
                 stage: stage + 1,
@@ -481,7 +481,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         let rates = parts.slot_rates.get(..slots * users).unwrap_or(&[]);
         if trial == Trial::Priced {
             let mut counts = [0; M];
-            for row in rates.chunks_exact(users) {
+            for row in rates.chunks_exact(users.max(1)) {
                 let mut best = (0, T::of(f64::NEG_INFINITY));
                 for (user, (&rate, &price)) in row.iter().zip(&self.prices.values).enumerate() {
                     if rate + price > best.1 {
@@ -514,7 +514,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             return operations;
         }
         let mut total = T::zero();
-        for (row, &user) in rates.chunks_exact(users).zip(&*assigned) {
+        for (row, &user) in rates.chunks_exact(users.max(1)).zip(&*assigned) {
             total += row.get(usize::from(user)).copied().unwrap_or(T::zero());
         }
         let inertia = self.route.inertia.as_ref();
@@ -598,7 +598,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         self.loss_per_m = limit * T::of(2.0) / self.route.step_m.max(T::of(1e-6));
         Phase::Backward {
             worth: Worth::Ordered,
-            left: self.stages.count,
+            left: self.stages.count.get(),
         }
     }
 
@@ -705,7 +705,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         if last >= slots || b >= order::SPAN {
             self.phase = if unchanged + 1 < slots {
                 Phase::Change {
-                    a: (a + 1) % slots,
+                    a: (a + 1) % slots.max(1),
                     b: 0,
                     unchanged: unchanged + 1,
                 }

@@ -12,6 +12,8 @@
 //! value of the slot: the largest priced rate `max_m (R + lambda_m)`, or the rate of the user that
 //! a given order of service has in the slot.
 
+use core::num::NonZeroUsize;
+
 use heapless::Vec;
 
 use super::{
@@ -41,8 +43,8 @@ pub(super) struct Stages<T: Scalar> {
     pub(super) lattice: Lattice<T>,
     moves: Vec<Move<T>, MOVES_MAX>,
     /// The number of stages.
-    pub(super) count: usize,
-    slots: usize,
+    pub(super) count: NonZeroUsize,
+    slots: NonZeroUsize,
     /// The longest distance in a stage, metres.
     step_m: T,
 }
@@ -55,8 +57,8 @@ impl<T: Scalar> Stages<T> {
         let mut stages = Self {
             lattice,
             moves: Vec::new(),
-            count: 1,
-            slots: route.slots.max(1),
+            count: NonZeroUsize::MIN,
+            slots: at_least_one(route.slots),
             step_m: T::zero(),
         };
         stages.divide(route, stages_max);
@@ -65,8 +67,9 @@ impl<T: Scalar> Stages<T> {
 
     /// Divides the same grid into another number of stages, at most as many as slots.
     pub(super) fn divide(&mut self, route: &Route<T>, stages_max: usize) {
-        self.count = self.slots.min(stages_max).max(1);
-        let step_m = route.step_m * (T::count(self.slots) / T::count(self.count));
+        self.count = self.slots.min(at_least_one(stages_max));
+        let slots_per_stage = T::count(self.slots.get()) / T::count(self.count.get());
+        let step_m = route.step_m * slots_per_stage;
         // Points at that distance are connected in spite of rounding.
         self.step_m = step_m * (T::one() - T::EPSILON * T::of(8.0));
         self.moves = self.lattice.moves(self.step_m);
@@ -74,7 +77,7 @@ impl<T: Scalar> Stages<T> {
 
     /// Returns the operations of one [`backward`](Self::backward).
     pub(super) fn backward_operations(&self) -> u64 {
-        let per_stage = self.slots.div_ceil(self.count);
+        let per_stage = self.slots.get().div_ceil(self.count.get());
         (self.lattice.len() * (3 * self.moves.len() + 2 * per_stage)) as u64
     }
 
@@ -86,11 +89,11 @@ impl<T: Scalar> Stages<T> {
     /// Returns the slots (from 0) that end in stage `stage` (from 0), with the fraction of the
     /// stage at which each ends.
     fn slots_of(&self, stage: usize) -> impl Iterator<Item = (usize, T)> + use<T> {
-        let (slots, count) = (self.slots, self.count);
+        let (slots, count) = (self.slots.get(), self.count);
         let first = stage * slots / count;
         let end = (stage + 1) * slots / count;
         (first..end).map(move |slot| {
-            let ended = (slot + 1) * count - stage * slots;
+            let ended = (slot + 1) * count.get() - stage * slots;
             (slot, T::count(ended) / T::count(slots))
         })
     }
@@ -148,7 +151,7 @@ impl<T: Scalar> Stages<T> {
         let Some(layer) = parts.shared.get(stage * nodes..(stage + 1) * nodes) else {
             return;
         };
-        let stages_left = T::count(self.count.saturating_sub(stage + 1));
+        let stages_left = T::count(self.count.get().saturating_sub(stage + 1));
         let home_m = stages_left * self.step_m + route.arrival_m;
         // Straight to the destination is always possible.
         let way = route.destination - here;
@@ -184,14 +187,14 @@ impl<T: Scalar> Stages<T> {
 
     /// Returns the waypoint of slot `slot` (from 0) on the path through the points.
     pub(super) fn waypoint(&self, points: &[T], slot: usize) -> Position<T> {
-        let ended = (slot + 1) * self.count;
+        let ended = (slot + 1) * self.count.get();
         let (stage, beyond) = (ended / self.slots, ended % self.slots);
         let from = place(points, stage);
         if beyond == 0 {
             return from;
         }
         let to = place(points, stage + 1);
-        from + (to - from) * (T::count(beyond) / T::count(self.slots))
+        from + (to - from) * (T::count(beyond) / T::count(self.slots.get()))
     }
 
     /// Returns the value of the whole rest of the mission from `position`, once all stages have
@@ -205,4 +208,8 @@ fn add_weighted<T: Scalar>(values: &mut [T], terms: &[T], weight: T) {
     for (value, &term) in values.iter_mut().zip(terms) {
         *value += weight * term;
     }
+}
+
+fn at_least_one(count: usize) -> NonZeroUsize {
+    NonZeroUsize::new(count).unwrap_or(NonZeroUsize::MIN)
 }

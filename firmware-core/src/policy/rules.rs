@@ -4,6 +4,7 @@ use heapless::Vec;
 
 use super::{Action, Observation, PlanQuality, Policy};
 use crate::{
+    collect::collect_first,
     mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
 };
@@ -122,10 +123,7 @@ fn nearness<T: Scalar, const M: usize>(
     users: &Vec<Position<T>, M>,
     vehicle: &Position<T>,
 ) -> Vec<T, M> {
-    users
-        .iter()
-        .map(|user| -(user - vehicle).norm_squared())
-        .collect()
+    collect_first(users.iter().map(|user| -(user - vehicle).norm_squared()))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::intervention::Intervention;
-use crate::{mission::Mission, scalar::Scalar};
+use crate::{collect::collect_first, mission::Mission, scalar::Scalar};
 
 /// Tracks which users may be served in a slot so that every quota can still be met (eq:a3).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,13 +51,11 @@ impl<const M: usize> Fairness<M> {
         }
         let all = owed;
         reduce_to(&mut owed, slots_left as usize);
-        self.quotas = users
-            .map(|user| {
-                let reduction = all[user] - owed[user];
-                let quota = mission.quota_of(user) - reduction;
-                mission.has_user(user).then_some(quota)
-            })
-            .collect();
+        let reductions = all.iter().zip(&owed).map(|(all, owed)| all - owed);
+        self.quotas = collect_first(users.zip(reductions).map(|(user, reduction)| {
+            let quota = mission.quota_of(user) - reduction;
+            mission.has_user(user).then_some(quota)
+        }));
     }
 
     /// Returns the number of slots that each user was served in so far.

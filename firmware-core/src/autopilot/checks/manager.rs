@@ -247,7 +247,7 @@ impl ParameterManager {
         may_set: bool,
     ) -> Option<Finding> {
         let rule = rules(firmware).get(self.next)?;
-        if self.attempts == 0 || message.param_id.to_str() != Ok(rule.name) {
+        if self.attempts == 0 || !is_named(message, rule.name) {
             return None;
         }
         self.found = Some(rule.name);
@@ -322,8 +322,8 @@ impl ParameterManager {
         message: &PARAM_VALUE_DATA,
     ) -> Option<Finding> {
         let change = self.changed.last()?;
-        let same = message.param_id.to_str() == Ok(change.name)
-            && message.param_value.to_bits() == change.was.to_bits();
+        let same =
+            is_named(message, change.name) && message.param_value.to_bits() == change.was.to_bits();
         if self.attempts == 0 || !same {
             return None;
         }
@@ -364,4 +364,11 @@ fn number(firmware: Firmware, kind: MavParamType, raw: f32) -> f32 {
         }
         _ => raw,
     }
+}
+
+/// Returns whether a value is that of this parameter.
+fn is_named(message: &PARAM_VALUE_DATA, name: &str) -> bool {
+    // Shorter names end at a NUL.
+    let sent = message.param_id.iter().take_while(|&&byte| byte != 0);
+    sent.eq(name.as_bytes())
 }

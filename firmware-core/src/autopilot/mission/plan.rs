@@ -107,20 +107,22 @@ impl<T: Scalar> MissionPlan<'_, T> {
     pub fn item(&self, sequence: u16, to: Address) -> Option<MISSION_ITEM_INT_DATA> {
         use MavCmd as C;
         let lead = self.lead();
-        let last = self.waypoints.len() - 1;
-        let index = usize::from(sequence.saturating_sub(lead)).min(last);
+        let last = self.waypoints.last()?;
+        let waypoint = self
+            .waypoints
+            .get(usize::from(sequence.saturating_sub(lead)));
         let mut parameters = [0.0; 4];
         let command = if self.is_home(sequence) {
             C::MAV_CMD_NAV_WAYPOINT
-        } else if sequence + 2 == lead {
+        } else if lead.checked_sub(sequence) == Some(2) {
             C::MAV_CMD_NAV_TAKEOFF
-        } else if sequence + 1 == lead {
+        } else if lead.checked_sub(sequence) == Some(1) {
             // Ground speed; the throttle is not changed.
             parameters = [1.0, self.speed_mps.to_f64() as f32, -1.0, 0.0];
             C::MAV_CMD_DO_CHANGE_SPEED
-        } else if usize::from(sequence - lead) <= last {
+        } else if waypoint.is_some() {
             C::MAV_CMD_NAV_WAYPOINT
-        } else if sequence + 1 == self.count() {
+        } else if self.count().checked_sub(sequence) == Some(1) {
             match self.ending {
                 Ending::Land => C::MAV_CMD_NAV_LAND,
                 Ending::Return => C::MAV_CMD_NAV_RETURN_TO_LAUNCH,
@@ -133,7 +135,7 @@ impl<T: Scalar> MissionPlan<'_, T> {
             C::MAV_CMD_DO_CHANGE_SPEED | C::MAV_CMD_NAV_RETURN_TO_LAUNCH
         );
         let place = if has_place {
-            self.map.to_geodetic(self.waypoints[index])
+            self.map.to_geodetic(*waypoint.unwrap_or(last))
         } else {
             Geodetic::default()
         };

@@ -3,9 +3,7 @@
 use mavlink::calculate_crc;
 
 use super::frame::Frame;
-use super::layout::{
-    self, CHECKSUM, HEADER, MAX_FRAME, SIGNATURE, SIGNED, START, checksum_seed, field,
-};
+use super::layout::{CHECKSUM, HEADER, MAX_FRAME, SIGNATURE, SIGNED, START, checksum_seed, field};
 use super::sequence_tracker::SequenceTracker;
 use super::signing::{Verdict, Verifier};
 use crate::counter::{MavlinkCounters, count};
@@ -96,16 +94,17 @@ impl Decoder {
                 Candidate::Frame(length) => {
                     count(&mut self.counters.frames);
                     self.spent = length;
-                    return Some(Frame::new(&self.buffer[..length]));
+                    return self.buffer.get(..length).and_then(Frame::new);
                 }
                 Candidate::Drop(count) => self.spent = count,
                 Candidate::Incomplete => {
-                    let count = input.len().min(MAX_FRAME - self.length);
+                    let free = self.buffer.get_mut(self.length..).unwrap_or_default();
+                    let count = input.len().min(free.len());
                     if count == 0 {
                         return None;
                     }
-                    let (head, tail) = input.split_at(count);
-                    self.buffer[self.length..self.length + count].copy_from_slice(head);
+                    let (head, tail) = input.split_at_checked(count)?;
+                    free.get_mut(..count)?.copy_from_slice(head);
                     self.length += count;
                     *input = tail;
                 }
@@ -125,7 +124,7 @@ impl Decoder {
                 Candidate::Frame(length) => {
                     count(&mut self.counters.frames);
                     self.spent = length;
-                    return Some(Frame::new(&self.buffer[..length]));
+                    return self.buffer.get(..length).and_then(Frame::new);
                 }
                 Candidate::Drop(count) => self.spent = count,
                 Candidate::Incomplete => {
@@ -139,43 +138,51 @@ impl Decoder {
     fn discard_spent(&mut self) {
         let spent = core::mem::take(&mut self.spent);
         if spent > 0 {
-            self.buffer.copy_within(spent..self.length, 0);
-            self.length -= spent;
+            let held = self.buffer.get_mut(..self.length).unwrap_or_default();
+            // Never more than is held.
+            if spent <= held.len() {
+                held.copy_within(spent.., 0);
+                self.length = held.len() - spent;
+            }
         }
     }
 
     fn candidate(&mut self) -> Candidate {
-        let held = &self.buffer[..self.length];
-        if held.is_empty() {
+        let held = self.buffer.get(..self.length).unwrap_or_default();
+        let Some(&first) = held.first() else {
             return Candidate::Incomplete;
-        }
-        if held[field::START] != START {
+        };
+        if first != START {
             let noise = held.iter().position(|&b| b == START).unwrap_or(held.len());
             self.counters.skipped_bytes = self.counters.skipped_bytes.saturating_add(noise as u32);
             return Candidate::Drop(noise);
         }
-        if held.len() < HEADER {
+        let Some(header) = held.first_chunk::<HEADER>() else {
             return Candidate::Incomplete;
-        }
-        let flags = held[field::INCOMPATIBILITY_FLAGS];
+        };
+        let flags = header[field::INCOMPATIBILITY_FLAGS];
         if flags & !SIGNED != 0 {
             count(&mut self.counters.unknown_flags);
             return Candidate::Drop(1);
         }
-        let payload = usize::from(held[field::LENGTH]);
+        let payload = usize::from(header[field::LENGTH]);
         let signature = if flags & SIGNED != 0 { SIGNATURE } else { 0 };
         let whole = HEADER + payload + CHECKSUM + signature;
-        if held.len() < whole {
+        let parts = held.get(..whole).and_then(|bytes| {
+            let checked = bytes.get(field::checked(payload))?;
+            let checksum = bytes.get(field::checksum(payload))?.first_chunk()?;
+            Some((Frame::new(bytes)?, checked, u16::from_le_bytes(*checksum)))
+        });
+        let Some((frame, checked, sent_checksum)) = parts else {
             return Candidate::Incomplete;
-        }
-        let Some(seed) = checksum_seed(layout::message_id(held)) else {
+        };
+        let Some(seed) = checksum_seed(frame.message_id()) else {
             // Autopilots send many messages of their own dialects: skip the whole frame.
             count(&mut self.counters.unknown_message);
             return Candidate::Drop(whole);
         };
-        let checksum = calculate_crc(&held[field::checked(payload)], seed);
-        if held[field::checksum(payload)] == checksum.to_le_bytes() {
-            let frame = Frame::new(&held[..whole]);
+        let checksum = calculate_crc(checked, seed);
+        if sent_checksum == checksum {
             if let Some(verifier) = &mut self.verifier {
                 let refused = match verifier.verify(&frame) {
                     Verdict::Valid => None,

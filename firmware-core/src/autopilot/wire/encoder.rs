@@ -54,7 +54,7 @@ impl Encoder {
     pub fn encode<'b>(&mut self, message: &MavMessage, buffer: &'b mut FrameBuffer) -> &'b [u8] {
         let length = message.ser(MavlinkVersion::V2, &mut buffer[field::LARGEST_PAYLOAD]);
         let id = message.message_id();
-        self.finish(id, length, MavMessage::extra_crc(id), buffer)
+        self.finish(id, length as u8, MavMessage::extra_crc(id), buffer)
     }
 
     /// As [`encode`](Self::encode), for the messages that [`Autopilot`](crate::autopilot::Autopilot)
@@ -67,7 +67,7 @@ impl Encoder {
     ) -> Option<&'b [u8]> {
         let length = client::write(message, &mut buffer[field::LARGEST_PAYLOAD])?;
         let id = message.message_id();
-        Some(self.finish(id, length, MavMessage::extra_crc(id), buffer))
+        Some(self.finish(id, length as u8, MavMessage::extra_crc(id), buffer))
     }
 
     /// Writes ArduPilot's form of ESTIMATOR_STATUS, an EKF_STATUS_REPORT with these flags, as the
@@ -81,7 +81,7 @@ impl Encoder {
         let payload = &mut buffer[field::payload(FLAGS.end)];
         payload[..FLAGS.start].fill(0);
         payload[FLAGS].copy_from_slice(&flags.bits().to_le_bytes());
-        self.finish(ID, FLAGS.end, CHECKSUM_SEED, buffer)
+        self.finish(ID, FLAGS.end as u8, CHECKSUM_SEED, buffer)
     }
 
     /// Writes a STATUSTEXT of severity CRITICAL with the first 50 bytes of `text` as the next frame.
@@ -104,16 +104,17 @@ impl Encoder {
             .unwrap_or_default()
     }
 
+    /// Writes what surrounds a payload of `length` bytes. No message is longer than a byte can say.
     fn finish<'b>(
         &mut self,
         id: u32,
-        length: usize,
+        length: u8,
         seed: u8,
         buffer: &'b mut FrameBuffer,
     ) -> &'b [u8] {
         let header = &mut buffer[..HEADER];
         header[field::START] = START;
-        header[field::LENGTH] = length as u8;
+        header[field::LENGTH] = length;
         header[field::INCOMPATIBILITY_FLAGS] = if self.signer.is_some() { SIGNED } else { 0 };
         header[field::COMPATIBILITY_FLAGS] = 0;
         header[field::SEQUENCE] = self.sequence;
@@ -121,6 +122,7 @@ impl Encoder {
         header[field::COMPONENT] = self.own.component;
         header[field::MESSAGE_ID].copy_from_slice(&id.to_le_bytes()[..field::MESSAGE_ID.len()]);
         self.sequence = self.sequence.wrapping_add(1);
+        let length = usize::from(length);
         let checksum = calculate_crc(&buffer[field::checked(length)], seed);
         buffer[field::checksum(length)].copy_from_slice(&checksum.to_le_bytes());
         let end = field::checksum(length).end;

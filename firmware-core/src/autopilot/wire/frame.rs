@@ -7,7 +7,7 @@ use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message};
 
 use super::client;
-use super::layout::{self, SIGNED, ekf_status_report, field};
+use super::layout::{self, HEADER, SIGNED, ekf_status_report, field};
 
 /// The address of a sender or receiver: a system (vehicle, ground station) and a component in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -22,12 +22,20 @@ pub struct Address {
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     bytes: &'a [u8],
+    header: &'a [u8; HEADER],
+    payload: &'a [u8],
 }
 
 impl<'a> Frame<'a> {
-    /// Wraps bytes that form a whole frame.
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
-        Self { bytes }
+    /// Wraps bytes that form a whole frame; `None` if they are too few.
+    pub(super) fn new(bytes: &'a [u8]) -> Option<Self> {
+        let header = bytes.first_chunk()?;
+        let payload = bytes.get(field::payload(header[field::LENGTH].into()))?;
+        Some(Self {
+            bytes,
+            header,
+            payload,
+        })
     }
 
     /// Returns the frame as it was received, from the start byte to the checksum or signature.
@@ -38,28 +46,24 @@ impl<'a> Frame<'a> {
     /// Returns the address of the sender.
     pub fn sender(&self) -> Address {
         Address {
-            system: self.bytes[field::SYSTEM],
-            component: self.bytes[field::COMPONENT],
+            system: self.header[field::SYSTEM],
+            component: self.header[field::COMPONENT],
         }
     }
 
     /// Returns the sender's sequence number, modulo 256.
     pub fn sequence(&self) -> u8 {
-        self.bytes[field::SEQUENCE]
+        self.header[field::SEQUENCE]
     }
 
     /// Returns the message id.
     pub fn message_id(&self) -> u32 {
-        layout::message_id(self.bytes)
+        layout::message_id(self.header)
     }
 
     /// Returns whether the frame carries a signature, valid or not.
     pub fn is_signed(&self) -> bool {
-        self.bytes[field::INCOMPATIBILITY_FLAGS] & SIGNED != 0
-    }
-
-    fn payload(&self) -> &'a [u8] {
-        &self.bytes[field::payload(usize::from(self.bytes[field::LENGTH]))]
+        self.header[field::INCOMPATIBILITY_FLAGS] & SIGNED != 0
     }
 
     /// Returns the message in the frame, or `None` if it is not one that
@@ -72,7 +76,7 @@ impl<'a> Frame<'a> {
         if self.message_id() == ekf_status_report::ID {
             return Ok(Some(self.ekf_status_report()));
         }
-        client::parse(self.message_id(), self.payload())
+        client::parse(self.message_id(), self.payload)
     }
 
     /// Returns the message in the frame.
@@ -83,14 +87,14 @@ impl<'a> Frame<'a> {
         if self.message_id() == ekf_status_report::ID {
             return Ok(self.ekf_status_report());
         }
-        MavMessage::parse(MavlinkVersion::V2, self.message_id(), self.payload())
+        MavMessage::parse(MavlinkVersion::V2, self.message_id(), self.payload)
     }
 
     /// Returns ArduPilot's report in the form of the `common` dialect.
     fn ekf_status_report(&self) -> MavMessage {
         // Trailing zeros are not sent, so the flags can be cut off.
         let mut flags = [0; ekf_status_report::FLAGS.end - ekf_status_report::FLAGS.start];
-        let sent = self.payload().get(ekf_status_report::FLAGS.start..);
+        let sent = self.payload.get(ekf_status_report::FLAGS.start..);
         for (flag, &byte) in flags.iter_mut().zip(sent.unwrap_or_default()) {
             *flag = byte;
         }

@@ -86,10 +86,10 @@ pub mod ekf_status_report {
 #[allow(deprecated)] // still sent by autopilots
 pub(super) const SEED_ZERO: u32 = common::COMPONENT_INFORMATION_DATA::ID;
 
-/// Returns the message id of a frame, of which at least the header must be there.
-pub(super) fn message_id(frame: &[u8]) -> u32 {
+/// Returns the message id in a header.
+pub(super) fn message_id(header: &[u8; HEADER]) -> u32 {
     let mut id = [0; 4];
-    id[..field::MESSAGE_ID.len()].copy_from_slice(&frame[field::MESSAGE_ID]);
+    id[..field::MESSAGE_ID.len()].copy_from_slice(&header[field::MESSAGE_ID]);
     u32::from_le_bytes(id)
 }
 

@@ -36,7 +36,7 @@ impl SequenceTracker {
                 return late;
             }
         }
-        self.last[self.next] = Some((sender, sequence));
+        self.last[self.next % SENDERS] = Some((sender, sequence));
         self.next = (self.next + 1) % SENDERS;
         false
     }

@@ -127,10 +127,12 @@ impl Verifier {
     }
 
     pub(super) fn verify(&mut self, frame: &Frame<'_>) -> Verdict {
+        let Some((signed, tail)) = frame.bytes().split_last_chunk::<SIGNATURE>() else {
+            return Verdict::Unsigned;
+        };
         if !frame.is_signed() {
             return Verdict::Unsigned;
         }
-        let (signed, tail) = frame.bytes().split_at(frame.bytes().len() - SIGNATURE);
         let expected = self.key.signature(signed, &tail[LINK_AND_TIME]);
         // Compared as a whole, so that the duration does not reveal how many bytes are right.
         let difference = expected

@@ -43,10 +43,9 @@ impl Header {
 
     /// Returns how many numbers follow the header.
     pub fn number_count(&self) -> usize {
-        let layers = self.sizes.windows(2);
-        let layers: usize = layers
-            .map(|pair| usize::from(pair[1]) * (usize::from(pair[0]) + 1))
-            .sum();
+        let sizes = || self.sizes.iter().map(|&size| usize::from(size));
+        let layers = sizes().zip(sizes().skip(1));
+        let layers: usize = layers.map(|(inputs, outputs)| outputs * (inputs + 1)).sum();
         3 * self.inputs() + layers + self.outputs()
     }
 

@@ -5,6 +5,7 @@ use core::fmt;
 use heapless::Vec;
 
 use super::format::{CHECKSUM, FORMAT_VERSION, Header, LoadError, MAGIC, PREAMBLE, WIDTH_MAX};
+use crate::collect::collect_first;
 use crate::mission::MissionChange;
 use crate::policy::{Action, Observation, PlanQuality, Policy, Provenance};
 use crate::scalar::{Displacement, Scalar};
@@ -36,17 +37,17 @@ impl<B: AsRef<[u8]>> Mlp<B> {
     /// Returns what is wrong with the file.
     pub fn load(file: B) -> Result<Self, LoadError> {
         let bytes = file.as_ref();
-        let (preamble, body) = bytes
-            .split_at_checked(PREAMBLE)
+        let (&[m0, m1, m2, m3, v0, v1, c0, c1, c2, c3], body) = bytes
+            .split_first_chunk::<PREAMBLE>()
             .ok_or(LoadError::NotAPolicy)?;
-        if preamble[..4] != MAGIC {
+        if [m0, m1, m2, m3] != MAGIC {
             return Err(LoadError::NotAPolicy);
         }
-        let version = u16::from_le_bytes([preamble[4], preamble[5]]);
+        let version = u16::from_le_bytes([v0, v1]);
         if version != FORMAT_VERSION {
             return Err(LoadError::Version { got: version });
         }
-        let expected = u32::from_le_bytes([preamble[6], preamble[7], preamble[8], preamble[9]]);
+        let expected = u32::from_le_bytes([c0, c1, c2, c3]);
         let got = CHECKSUM.checksum(body);
         if got != expected {
             return Err(LoadError::Checksum { got, expected });
@@ -81,28 +82,31 @@ impl<B: AsRef<[u8]>> Mlp<B> {
         &self.header
     }
 
-    fn numbers(&self) -> &[u8] {
-        &self.file.as_ref()[self.start..]
+    /// Returns the numbers of the file. They were there when the file was loaded; `None` means that
+    /// `B` returns other bytes now.
+    fn numbers(&self) -> Option<&[u8]> {
+        self.file.as_ref().get(self.start..)
     }
 
     /// Returns the test vector: an observation and the outputs that it must give.
-    fn test_vector(&self) -> (&[u8], &[u8]) {
-        let numbers = self.numbers();
+    fn test_vector(&self) -> Option<(&[u8], &[u8])> {
+        let numbers = self.numbers()?;
         let outputs = 4 * self.header.outputs();
-        let (rest, expected) = numbers.split_at(numbers.len() - outputs);
-        let (_, observation) = rest.split_at(rest.len() - 4 * self.header.inputs());
-        (observation, expected)
+        let (rest, expected) = numbers.split_at_checked(numbers.len().checked_sub(outputs)?)?;
+        let inputs = 4 * self.header.inputs();
+        let (_, observation) = rest.split_at_checked(rest.len().checked_sub(inputs)?)?;
+        Some((observation, expected))
     }
 
     fn self_test(&self) -> Result<(), LoadError> {
-        let (observation, expected) = self.test_vector();
+        let (observation, expected) = self.test_vector().ok_or(LoadError::Header)?;
         let mut buffer = [0.0; WIDTH_MAX];
         for (x, value) in buffer.iter_mut().zip(floats(observation)) {
             *x = value;
         }
-        let outputs = self.run(&mut buffer);
-        let largest = |values: &[u8]| floats(values).fold(1.0_f32, |a, b| a.max(b.abs()));
-        let scores_scale = largest(&expected[8..]);
+        let outputs = self.run(&mut buffer).ok_or(LoadError::Header)?;
+        let scores = floats(expected).skip(2);
+        let scores_scale = scores.fold(1.0_f32, |largest, score| largest.max(score.abs()));
         for (index, (&got, expected)) in outputs.iter().zip(floats(expected)).enumerate() {
             let scale = if index < 2 {
                 self.header.reach_m
@@ -122,41 +126,46 @@ impl<B: AsRef<[u8]>> Mlp<B> {
         Ok(())
     }
 
-    /// Computes displacement (metres) and scores from an observation, in the same buffer.
-    fn run<'x>(&self, buffer: &'x mut [f32; WIDTH_MAX]) -> &'x [f32] {
-        let numbers = self.numbers();
+    /// Computes displacement (metres) and scores from an observation, in the same buffer. `None`
+    /// means that the numbers do not fit the header, which `load` has checked.
+    fn run<'x>(&self, buffer: &'x mut [f32; WIDTH_MAX]) -> Option<&'x [f32]> {
+        let numbers = self.numbers()?;
         // Numbers that are aligned to words are read as such: two instructions less for each on a
         // Cortex-M7. The results are the same.
         match bytemuck::try_cast_slice::<u8, f32>(numbers) {
-            Ok(numbers) if cfg!(target_endian = "little") => self.run_over(numbers, buffer),
-            _ => self.run_over(numbers.as_chunks::<4>().0, buffer),
+            Ok(numbers) if cfg!(target_endian = "little") => self.run_over(numbers, buffer)?,
+            _ => self.run_over(numbers.as_chunks::<4>().0, buffer)?,
         }
-        for u in &mut buffer[..2] {
+        for u in buffer.iter_mut().take(2) {
             *u = self.header.reach_m * libm::tanhf(*u);
         }
-        &buffer[..self.header.outputs()]
+        buffer.get(..self.header.outputs())
     }
 
-    fn run_over<N: Number>(&self, numbers: &[N], buffer: &mut [f32; WIDTH_MAX]) {
+    fn run_over<N: Number>(&self, numbers: &[N], buffer: &mut [f32; WIDTH_MAX]) -> Option<()> {
+        let sizes = || self.header.sizes.iter().map(|&size| usize::from(size));
         let inputs = self.header.inputs();
-        let (offset, rest) = numbers.split_at(inputs);
-        let (scale, mut rest) = rest.split_at(inputs);
+        let (offset, rest) = numbers.split_at_checked(inputs)?;
+        let (scale, mut rest) = rest.split_at_checked(inputs)?;
         for ((x, offset), scale) in buffer.iter_mut().zip(offset).zip(scale) {
             *x = (*x - offset.value()) * scale.value();
         }
         let mut next = [0.0; WIDTH_MAX];
-        let layers = self.header.sizes.len() - 1;
-        for (layer, pair) in self.header.sizes.windows(2).enumerate() {
-            let (inputs, outputs) = (usize::from(pair[0]), usize::from(pair[1]));
-            let (weights, more) = rest.split_at(inputs * outputs);
-            let (bias, more) = more.split_at(outputs);
+        let layers = sizes().zip(sizes().skip(1));
+        let mut layers_left = layers.len();
+        for (inputs, outputs) in layers {
+            layers_left -= 1;
+            let (weights, more) = rest.split_at_checked(inputs * outputs)?;
+            let (bias, more) = more.split_at_checked(outputs)?;
             rest = more;
-            multiply(weights, &buffer[..inputs], &mut next[..outputs]);
-            for ((y, z), bias) in buffer.iter_mut().zip(&next[..outputs]).zip(bias) {
+            let next = next.get_mut(..outputs)?;
+            multiply(weights, buffer.get(..inputs)?, next)?;
+            for ((y, z), bias) in buffer.iter_mut().zip(&*next).zip(bias) {
                 let z = z + bias.value();
-                *y = if layer + 1 < layers { z.max(0.0) } else { z };
+                *y = if layers_left > 0 { z.max(0.0) } else { z };
             }
         }
+        Some(())
     }
 
     /// Returns displacement (metres) and scores for a raw observation of `M + 4` numbers; missing
@@ -166,7 +175,7 @@ impl<B: AsRef<[u8]>> Mlp<B> {
         for (x, &value) in buffer.iter_mut().zip(observation) {
             *x = value;
         }
-        self.run(&mut buffer).iter().copied().collect()
+        collect_first(self.run(&mut buffer).unwrap_or_default().iter().copied())
     }
 }
 
@@ -176,11 +185,13 @@ impl<T: Scalar, B: AsRef<[u8]>, const M: usize> Policy<T, M> for Mlp<B> {
         let users = self.provenance().users as usize;
         observation.of_first_users(users).write_state(&mut state);
         let mut buffer = state.map(|x| x.to_f64() as f32);
-        let outputs = self.run(&mut buffer);
-        let number = |&x: &f32| T::of(x.into());
+        // Without outputs the action is not sound, and the controller reports it as broken.
+        let mut numbers = self.run(&mut buffer).unwrap_or_default().iter();
+        let mut next = || Some(T::of((*numbers.next()?).into()));
+        let mut component = || next().unwrap_or(T::of(f64::NAN));
         Action {
-            displacement: Displacement::new(number(&outputs[0]), number(&outputs[1])),
-            user_scores: outputs[2..].iter().take(M).map(number).collect(),
+            displacement: Displacement::new(component(), component()),
+            user_scores: collect_first(core::iter::from_fn(next)),
         }
     }
 
@@ -220,24 +231,42 @@ impl Number for [u8; 4] {
 /// their additions do not depend on one another.
 const ROWS: usize = 8;
 
-/// Computes `W x`, with a row of `W` per output.
-fn multiply<N: Number>(weights: &[N], x: &[f32], outputs: &mut [f32]) {
+/// Computes `W x`, with a row of `W` per output. `None` means that the sizes do not fit.
+fn multiply<N: Number>(weights: &[N], x: &[f32], outputs: &mut [f32]) -> Option<()> {
+    let columns = x.len();
     let (blocks, rest) = outputs.as_chunks_mut::<ROWS>();
-    let (block_weights, rest_weights) = weights.split_at(blocks.len() * ROWS * x.len());
-    for (block, weights) in blocks
-        .iter_mut()
-        .zip(block_weights.chunks_exact(ROWS * x.len()))
-    {
-        *block = [0.0; ROWS];
-        // Slices of the same length, which the compiler can see.
-        let rows: [&[N]; ROWS] = core::array::from_fn(|row| &weights[row * x.len()..][..x.len()]);
-        for (column, &x) in x.iter().enumerate() {
-            for (sum, row) in block.iter_mut().zip(rows) {
-                *sum += row[column].value() * x;
-            }
-        }
+    let mut weights = weights;
+    for block in blocks {
+        let (rows, more) = weights.split_at_checked(ROWS * columns)?;
+        weights = more;
+        *block = multiply_block(rows, x)?;
     }
-    for (output, row) in rest.iter_mut().zip(rest_weights.chunks_exact(x.len())) {
+    for output in rest {
+        let (row, more) = weights.split_at_checked(columns)?;
+        weights = more;
         *output = row.iter().zip(x).map(|(w, x)| w.value() * x).sum();
     }
+    Some(())
+}
+
+/// Computes the products of `x` with [`ROWS`] rows.
+fn multiply_block<N: Number>(rows: &[N], x: &[f32]) -> Option<[f32; ROWS]> {
+    // Slices of the same length, which the compiler can see.
+    let columns = x.len();
+    let (a, rows) = rows.split_at_checked(columns)?;
+    let (b, rows) = rows.split_at_checked(columns)?;
+    let (c, rows) = rows.split_at_checked(columns)?;
+    let (d, rows) = rows.split_at_checked(columns)?;
+    let (e, rows) = rows.split_at_checked(columns)?;
+    let (f, rows) = rows.split_at_checked(columns)?;
+    let (g, rows) = rows.split_at_checked(columns)?;
+    let h = rows.get(..columns)?;
+    let rows = [a, b, c, d, e, f, g, h];
+    let mut sums = [0.0; ROWS];
+    for (column, &x) in x.iter().enumerate() {
+        for (sum, row) in sums.iter_mut().zip(rows) {
+            *sum += row[column].value() * x;
+        }
+    }
+    Some(sums)
 }
