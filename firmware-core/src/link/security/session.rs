@@ -309,3 +309,76 @@ impl SecurityCounters {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::message::FRAME_MAX;
+
+    fn pair() -> [Authenticator; 2] {
+        [Side::Vehicle, Side::Ground].map(|side| {
+            let key = GroundKey::new([1; 32]);
+            let start = [side as u8; 12];
+            Authenticator::new(side, Credentials { key, start })
+        })
+    }
+
+    /// Carries the frame of the handshake that an end has to send to the other one.
+    fn carry(from: &mut Authenticator, to: &mut Authenticator) -> bool {
+        let mut frame = [0; FRAME_MAX];
+        let Some(frame) = from.take_handshake(&mut frame) else {
+            return false;
+        };
+        give(frame, to).is_ok()
+    }
+
+    fn give(frame: &[u8], to: &mut Authenticator) -> Result<Option<u32>, FrameError> {
+        let mut bytes = frame[1..frame.len() - 1].to_vec();
+        let length = cobs::decode_in_place(&mut bytes).expect("a frame");
+        to.open(&bytes[..length - 4])
+    }
+
+    fn connect(vehicle: &mut Authenticator, ground: &mut Authenticator) {
+        vehicle.offer();
+        assert!(carry(vehicle, ground) && carry(ground, vehicle) && carry(vehicle, ground));
+    }
+
+    /// The last counter is used, and then there is a new session with new keys.
+    #[test]
+    fn a_session_ends_with_its_last_counter() {
+        let [mut vehicle, mut ground] = pair();
+        let sessions = |end: &Authenticator| end.counters.sessions;
+        for ends in 1..=3 {
+            connect(&mut vehicle, &mut ground);
+            assert_eq!((sessions(&vehicle), sessions(&ground)), (ends, ends));
+            let ending = if ends % 2 == 0 {
+                &mut vehicle
+            } else {
+                &mut ground
+            };
+            let session = ending.session.as_mut().expect("a session");
+            session.sent = u32::MAX - 1;
+            let mut frame = [0; FRAME_MAX];
+            assert!(ending.seal(Some(&7_u32), &mut frame).is_ok());
+            let last = ending.seal(Some(&7_u32), &mut frame);
+            assert_eq!(last, Err(EncodeError::NoSession));
+            assert!(!ending.has_session());
+        }
+    }
+
+    /// After the last nonce no session begins, and the present one goes on.
+    #[test]
+    fn the_last_nonce_is_not_used_twice() {
+        let [mut vehicle, mut ground] = pair();
+        let start = [9; 12];
+        let mut last = Nonce::first(start).to_bytes();
+        last[12..].fill(0xff);
+        vehicle.offered = Some(Nonce::from_bytes(&last));
+        connect(&mut vehicle, &mut ground);
+        vehicle.offer();
+        assert!(!carry(&mut vehicle, &mut ground));
+        let mut frame = [0; FRAME_MAX];
+        let frame = ground.seal(Some(&7_u32), &mut frame).expect("a session");
+        assert_eq!(give(frame, &mut vehicle), Ok(Some(7)));
+    }
+}
