@@ -67,16 +67,17 @@ pub(super) fn wrap<'f>(
 ) -> Result<&'f [u8], FrameTooLong> {
     let capacity = frame.len();
     let too_long = FrameTooLong { capacity };
-    let checksum = CHECKSUM.checksum(&plain[..end]).to_le_bytes();
-    plain[end..end + 4].copy_from_slice(&checksum);
-    let plain = &plain[..end + 4];
+    let (checked, rest) = plain.split_at_mut_checked(end).ok_or(too_long)?;
+    *rest.first_chunk_mut().ok_or(too_long)? = CHECKSUM.checksum(checked).to_le_bytes();
+    let plain = plain.get(..end + 4).ok_or(too_long)?;
     if 1 + cobs::max_encoding_length(plain.len()) + 1 > capacity {
         return Err(too_long);
     }
-    frame[0] = 0;
-    let encoded = cobs::encode(plain, &mut frame[1..]);
-    frame[1 + encoded] = 0;
-    Ok(&frame[..encoded + 2])
+    let (start, room) = frame.split_first_mut().ok_or(too_long)?;
+    *start = 0;
+    let encoded = cobs::try_encode(plain, room).map_err(|_| too_long)?;
+    *room.get_mut(encoded).ok_or(too_long)? = 0;
+    frame.get(..encoded + 2).ok_or(too_long)
 }
 
 /// Finds messages in a stream of bytes. `N` is the length of the longest frame that it accepts.
