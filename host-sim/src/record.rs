@@ -7,7 +7,7 @@ use firmware_core::{
     Position,
     controller::ChannelSource,
     inner::LimitedBy,
-    link::{LinkCounters, VehicleStatus},
+    link::{LinkCounters, SecurityCounters, VehicleStatus},
     shield::Intervention,
     time::Tick,
 };
@@ -95,6 +95,18 @@ pub struct LinkRecord {
     pub repeated: u32,
     /// The arrivals and commands for a slot or a user that the mission does not have.
     pub nonsense: u32,
+    /// What the authentication of both ends has taken and refused; absent if the link is open.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub security: Option<SecurityRecord>,
+}
+
+/// What the authentication of the ground link has taken and refused, counted at both ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct SecurityRecord {
+    /// The last counters that the vehicle sent to the ground.
+    pub vehicle: SecurityCounters,
+    /// The counters of the ground.
+    pub ground: SecurityCounters,
 }
 
 /// The true position of the vehicle at a time.

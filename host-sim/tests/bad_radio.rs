@@ -18,6 +18,7 @@ use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> FlightRecord {
     let settings = FlightSettings {
+        ground_link: None,
         policy: "straight-line".into(),
         inner: Allocation::Exact,
         profile,

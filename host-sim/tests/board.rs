@@ -25,6 +25,7 @@ use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario, policy_kind: PolicyKind) -> FlightRecord {
     let settings = FlightSettings {
+        ground_link: None,
         policy: "of the board".into(),
         inner: Allocation::Exact,
         profile: Profile::Ideal,

@@ -54,6 +54,7 @@ fn flown(choice: &PolicyChoice, profile: Profile, events: &Events) -> FlightReco
     let scenario = scenario.expect("shipped");
     let (policy, name) = HostPolicy::load(choice, &scenario).expect("fits");
     let settings = FlightSettings {
+        ground_link: None,
         policy: name,
         inner: Allocation::Exact,
         profile,

@@ -21,6 +21,7 @@ use vehicle::{Pauses, Profile, Vehicle, VehicleSettings};
 
 fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
     FlightSettings {
+        ground_link: None,
         policy: "straight-line".into(),
         inner,
         profile,

@@ -248,6 +248,7 @@ fn the_heartbeat_names_the_profile() {
 
 fn flight_settings(profile: Profile) -> FlightSettings {
     FlightSettings {
+        ground_link: None,
         policy: "straight-line".into(),
         inner: Allocation::Exact,
         profile,

@@ -147,6 +147,7 @@ fn flown(
         .with_parameters_set()
         .with_journal(journal);
     let settings = FlightSettings {
+        ground_link: None,
         policy: "straight-line".into(),
         inner: Allocation::Exact,
         profile: Profile::ArduCopter,

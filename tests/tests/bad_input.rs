@@ -184,3 +184,42 @@ fn a_scenario_that_is_there_is_not_replaced_unasked() {
     let made = fs::read_to_string(&file).unwrap();
     assert!(made.contains("mse_threshold = 0.02\n"), "{made}");
 }
+
+/// A key file that is not one is refused before anything flies, and its content is not shown.
+#[cfg(unix)]
+#[test]
+fn a_ground_key_that_is_none() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempdir().unwrap();
+    for (content, mode, expected) in [
+        (
+            "5a".repeat(31),
+            0o600,
+            "64 hexadecimal digits and nothing else",
+        ),
+        (
+            "5a".repeat(40),
+            0o600,
+            "64 hexadecimal digits and nothing else",
+        ),
+        ("5a".repeat(32), 0o644, "mode 644 gives others access"),
+    ] {
+        let path = folder.path().join("ground.key");
+        fs::write(&path, &content).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
+        let file = path.display().to_string();
+        refused(&["run", "--ground-key", &file], &[&file, expected]);
+        let device = [
+            "run",
+            "--precision",
+            "f32",
+            "--policy",
+            "plan",
+            "--ground-key",
+            &file,
+        ];
+        refused(&device, &[&file, expected]);
+    }
+    refused(&["run", "--ground-key", "no-such.key"], &["no-such.key"]);
+    refused(&["run", "--ground-key", "/dev/zero"], &["/dev/zero"]);
+}

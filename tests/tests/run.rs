@@ -170,3 +170,49 @@ fn the_scenario_can_be_changed_from_the_command_line() {
     let longer = fly(&folder.path().join("longer"), &["--slots", "61"]);
     assert_eq!(longer["slots"], 61);
 }
+
+/// With a key on both ends the same mission is flown: the summary differs in the counters of
+/// authentication only, which are absent without a key.
+#[cfg(unix)]
+#[test]
+fn a_key_of_the_ground_link_changes_nothing_but_its_counters() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempdir().unwrap();
+    let key = folder.path().join("ground.key");
+    fs::write(&key, "5a".repeat(32) + "\n").unwrap();
+    fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
+    let key = key.display().to_string();
+    for precision in ["f64", "f32"] {
+        let arguments = ["--policy", "straight-line", "--precision", precision];
+        let fly = |name: &str, more: &[&str]| {
+            let out = folder.path().join(format!("{name}-{precision}"));
+            let mut summary = fly(&out, &[&arguments[..], more].concat());
+            for timing in ["plan_us", "allocate_us"] {
+                summary.as_object_mut().unwrap().remove(timing);
+            }
+            summary
+        };
+        let open = fly("open", &[]);
+        assert!(open["link"].get("security").is_none(), "{open}");
+        let mut keyed = fly("keyed", &["--ground-key", &key]);
+        let link = keyed["link"].as_object_mut().unwrap();
+        let security = link.remove("security").unwrap();
+        for end in ["vehicle", "ground"] {
+            assert_eq!(security[end]["sessions"], 1, "{security}");
+            for refused in [
+                "unauthenticated",
+                "forged",
+                "other_session",
+                "replayed",
+                "reflected",
+            ] {
+                assert_eq!(security[end][refused], 0, "{security}");
+            }
+        }
+        // The ground receives the vehicle's counters as further messages.
+        let messages = |summary: &Value| summary["link"]["ground"]["messages"].as_u64().unwrap();
+        assert_eq!(messages(&keyed), messages(&open) + 60);
+        keyed["link"]["ground"]["messages"] = open["link"]["ground"]["messages"].clone();
+        assert_eq!(keyed, open);
+    }
+}

@@ -27,6 +27,9 @@ use crate::{
 /// The number of schedules in a mission.
 const SCHEDULES_EACH: u64 = 20;
 
+/// Every so many missions, one has a key of the ground link, and attackers on it.
+const WITH_KEY_EACH: u64 = 5;
+
 /// The counter that host-sim increments once per schedule.
 const RECOVERED: &str = "resynchronized at the first clean frame";
 
@@ -52,6 +55,7 @@ pub(crate) struct FaultsArguments {
 pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let host = hil::host(root, &arguments.build)?;
+    let key = hil::write_key(&build::folder(root).join("faults"))?;
     let begun = Instant::now();
     let missions = arguments.schedules.div_ceil(SCHEDULES_EACH);
     let next = AtomicU64::new(0);
@@ -64,7 +68,8 @@ pub(crate) fn run(root: &Path, arguments: &FaultsArguments) -> Result<()> {
             }
             let schedules = SCHEDULES_EACH.min(arguments.schedules - mission * SCHEDULES_EACH);
             let seed = arguments.seed.wrapping_add(mission);
-            for (what, count) in fly(root, (&host, &images), arguments, (seed, schedules))? {
+            let key = (mission % WITH_KEY_EACH == WITH_KEY_EACH - 1).then_some(key.as_path());
+            for (what, count) in fly(root, (&host, &images), arguments, (seed, schedules, key))? {
                 *total.entry(what).or_default() += count;
             }
         }
@@ -106,7 +111,7 @@ fn fly(
     root: &Path,
     (host, images): (&Path, &Images),
     arguments: &FaultsArguments,
-    (seed, schedules): (u64, u64),
+    (seed, schedules, key): (u64, u64, Option<&Path>),
 ) -> Result<Tally> {
     let board = {
         // Until QEMU has opened its ports, no other thread may look for free ones.
@@ -116,9 +121,13 @@ fn fly(
         thread::sleep(Duration::from_millis(200));
         board
     };
-    let output = Command::new(host)
+    let mut faults = Command::new(host);
+    faults.args(["faults", "--scenario", &arguments.scenario]);
+    if let Some(key) = key {
+        faults.arg("--ground-key").arg(key);
+    }
+    let output = faults
         .current_dir(root)
-        .args(["faults", "--scenario", &arguments.scenario])
         .args(["--board", &format!("127.0.0.1:{}", board.port)])
         .args(["--seed", &seed.to_string()])
         .args(["--schedules", &schedules.to_string()])

@@ -1,6 +1,6 @@
 //! Hardware in the loop: compares missions whose controller is the image in QEMU with the same
 //! missions on this machine in the same precision: by the trained policy, by the planner, and by the
-//! planner with changes of the mission in flight. Waypoints and users must be equal, and rates must
+//! planner with changes of the mission in flight, the last with and without a key of the ground link. Waypoints and users must be equal, and rates must
 //! agree within [`RATE_TOLERANCE`]; an image with a damaged policy must refuse to fly.
 
 use std::{
@@ -45,13 +45,33 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     let events = write_events(&out, &arguments.scenario)?;
     let events = events.display().to_string();
     let policy = images.policy.display().to_string();
-    let pairs: [(&str, &[&str], &[&str]); 3] = [
+    let key = write_key(&out)?.display().to_string();
+    let pairs: [(&str, &[&str], &[&str]); 4] = [
         ("trained", &["--policy", &policy], &[]),
         ("plan", &["--policy", "plan"], &["--policy", "plan"]),
         (
             "plan-with-changes",
             &["--policy", "plan", "--events", &events],
             &["--policy", "plan", "--events", &events],
+        ),
+        (
+            "authenticated",
+            &[
+                "--policy",
+                "plan",
+                "--events",
+                &events,
+                "--ground-key",
+                &key,
+            ],
+            &[
+                "--policy",
+                "plan",
+                "--events",
+                &events,
+                "--ground-key",
+                &key,
+            ],
         ),
     ];
     for (name, own, image) in pairs {
@@ -107,6 +127,19 @@ pub(crate) fn write_events(folder: &Path, scenario: &str) -> Result<PathBuf> {
     fs::create_dir_all(folder)?;
     let path = folder.join("events.toml");
     fs::write(&path, text).with_context(|| path.display().to_string())?;
+    Ok(path)
+}
+
+/// Writes a key of the ground link, which only the owner can read. Returns the path of the file.
+pub(crate) fn write_key(folder: &Path) -> Result<PathBuf> {
+    fs::create_dir_all(folder)?;
+    let path = folder.join("ground.key");
+    fs::write(&path, "5a".repeat(32))?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600))?;
+    }
     Ok(path)
 }
 

@@ -7,11 +7,18 @@
 //! end of a socket. A [`Schedule`] defines which faults occur in which slots. The same seed gives
 //! the same damage. ([`lossy`](super::lossy) does the same for frames and time on the MAVLink
 //! side.)
+//!
+//! On an authenticated link a [`FaultyLink`] has the key: it is the vehicle to the ground, and the
+//! ground to the vehicle. Faults of messages are then those of a ground that is out of order, and
+//! damage and [attacks](Fault::is_attack) those of the radio.
 
 use firmware_core::{
     PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
     controller::ChannelState,
-    link::{self, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION, VehicleStatus},
+    link::{
+        self, Credentials, Endpoint, FRAME_MAX, GroundKey, Message, PROTOCOL_VERSION,
+        VehicleStatus, frame_max,
+    },
 };
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -52,6 +59,16 @@ pub enum Fault {
     SensorsVanish(f64),
     /// Each user is not received with this probability.
     UsersVanish(f64),
+    /// To the vehicle, on an authenticated link: before each frame comes one of somebody without
+    /// the key.
+    Forged,
+    /// To the vehicle, on an authenticated link: before each frame comes an earlier one again.
+    Replayed,
+    /// To the vehicle, on an authenticated link: before each frame comes one of the vehicle's own.
+    Reflected,
+    /// To the vehicle, on an authenticated link: before each frame comes one without
+    /// authentication.
+    Downgraded,
 }
 
 /// The sender of a message to the vehicle over the air.
@@ -73,6 +90,23 @@ impl Fault {
         )
     }
 
+    /// Returns whether the fault is an attack on an authenticated link.
+    pub fn is_attack(&self) -> bool {
+        matches!(
+            self,
+            Self::Forged | Self::Replayed | Self::Reflected | Self::Downgraded
+        )
+    }
+
+    fn draw_attack(random: &mut impl Rng) -> Self {
+        match random.random_range(0..4) {
+            0 => Self::Forged,
+            1 => Self::Replayed,
+            2 => Self::Reflected,
+            _ => Self::Downgraded,
+        }
+    }
+
     fn draw(random: &mut impl Rng) -> Self {
         // From one byte in a mission to every third byte.
         let mut rate = || 10f64.powf(random.random_range(-4.0..-0.5));
@@ -85,7 +119,7 @@ impl Fault {
             3 => Self::Repeat(rate),
             4 => Self::Cut,
             5 => Self::Silence,
-            6 => Self::Flood(random.random_range(1..4 * FRAME_MAX)),
+            6 => Self::Flood(random.random_range(1..4 * frame_max(USERS_MAX, SENSORS_MAX))),
             7 => Self::OtherVersion,
             8 => Self::Echo,
             9 => Self::Twice,
@@ -156,6 +190,21 @@ impl Schedule {
         }
     }
 
+    /// As [`draw`](Self::draw), with one or two attacks on an authenticated link as well.
+    pub fn draw_with_attacks(random: &mut impl Rng, from_slot: u32, to_slot: u32) -> Self {
+        let mut schedule = Self::draw(random, from_slot, to_slot);
+        for _ in 0..random.random_range(1..=2) {
+            let begin = random.random_range(from_slot..to_slot);
+            schedule.episodes.push(Episode {
+                fault: Fault::draw_attack(random),
+                direction: Direction::Up,
+                from_slot: begin,
+                to_slot: random.random_range(begin + 1..=to_slot),
+            });
+        }
+        schedule
+    }
+
     /// Returns the faults of a slot in a direction.
     pub fn faults(&self, slot: u32, direction: Direction) -> impl Iterator<Item = Fault> + '_ {
         self.episodes
@@ -174,6 +223,14 @@ pub struct Injected {
     pub echoes: u32,
     /// The number of states with a gain too few.
     pub too_few: u32,
+    /// The number of frames that were made without the key.
+    pub forged: u32,
+    /// The number of frames that were sent again.
+    pub replayed: u32,
+    /// The number of frames of the vehicle that were sent back to it.
+    pub reflected: u32,
+    /// The number of frames without authentication.
+    pub downgraded: u32,
 }
 
 /// A ground link with faults. `T` is the precision that both ends use.
@@ -184,8 +241,14 @@ pub struct FaultyLink<T: Scalar> {
     random: Pcg64Mcg,
     /// The slot whose arrival the vehicle last reported.
     slot: u32,
-    from_vehicle: Decoder,
-    from_ground: Decoder,
+    /// The end that the vehicle talks to.
+    ground: Endpoint,
+    /// The end that the ground talks to.
+    vehicle: Endpoint,
+    /// Frames of the handshake for either side, which are sent with the next bytes.
+    to_vehicle: Vec<u8>,
+    to_ground: Vec<u8>,
+    attacker: Option<Attacker>,
     /// The frames that are sent when the slot is over.
     late: Vec<(u32, Vec<u8>)>,
     injected: Injected,
@@ -202,11 +265,31 @@ impl<T: Scalar> FaultyLink<T> {
             seed,
             random: Pcg64Mcg::seed_from_u64(seed),
             slot: 0,
-            from_vehicle: Decoder::new(),
-            from_ground: Decoder::new(),
+            ground: Endpoint::new(),
+            vehicle: Endpoint::new(),
+            to_vehicle: Vec::new(),
+            to_ground: Vec::new(),
+            attacker: None,
             late: Vec::new(),
             injected: Injected::default(),
             precision: core::marker::PhantomData,
+        }
+    }
+
+    /// Creates a link between two ends that share `key`.
+    pub fn authenticated(schedule: Schedule, seed: u64, key: &GroundKey) -> Self {
+        let credentials = |key: &GroundKey, end: u8| {
+            let mut start = [end; 12];
+            start[..8].copy_from_slice(&seed.to_le_bytes());
+            let key = key.clone();
+            Credentials { key, start }
+        };
+        let (vehicle, ground) = (credentials(key, 1), credentials(key, 2));
+        Self {
+            vehicle: Endpoint::vehicle(vehicle),
+            attacker: Some(Attacker::new(ground.start)),
+            ground: Endpoint::ground(ground),
+            ..Self::new(schedule, seed)
         }
     }
 
@@ -217,9 +300,22 @@ impl<T: Scalar> FaultyLink<T> {
 
     /// Transfers bytes from the vehicle to the ground.
     pub fn down(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let mut out = Vec::new();
+        let mut out = std::mem::take(&mut self.to_ground);
+        if let Some(attacker) = self.attacker.as_mut().filter(|_| !bytes.is_empty()) {
+            attacker.vehicle_said = bytes.to_vec();
+        }
         for &byte in bytes {
-            let Some(Ok(message)) = self.from_vehicle.push(byte) else {
+            let offered = self.ground.is_handshake_due();
+            let message = self.ground.push(byte);
+            if !offered && self.ground.is_handshake_due() {
+                // The vehicle has offered a session. It gets its answer, and the ground an offer.
+                self.to_vehicle.extend(handshake(&mut self.ground));
+                self.vehicle.offer();
+                let offer = handshake(&mut self.vehicle);
+                let faults: Vec<Fault> = self.schedule.faults(self.slot, Direction::Down).collect();
+                out.extend(self.carry(&offer, &faults));
+            }
+            let Some(Ok(message)) = message else {
                 continue;
             };
             let message: AnyMessage<T> = message;
@@ -227,7 +323,8 @@ impl<T: Scalar> FaultyLink<T> {
                 self.slot = arrival.plan.slot;
             }
             let faults: Vec<Fault> = self.schedule.faults(self.slot, Direction::Down).collect();
-            out.extend(self.carry(&frame(&message), &faults));
+            let frame = frame_by(&mut self.vehicle, &message);
+            out.extend(self.carry(&frame, &faults));
         }
         out
     }
@@ -242,8 +339,14 @@ impl<T: Scalar> FaultyLink<T> {
             .extract_if(.., is_due)
             .flat_map(|(_, frames)| frames)
             .collect();
+        let answer = std::mem::take(&mut self.to_vehicle);
+        out.extend(self.carry(&answer, &faults));
         for &byte in bytes {
-            let Some(Ok(message)) = self.from_ground.push(byte) else {
+            let message = self.vehicle.push(byte);
+            if self.vehicle.is_handshake_due() {
+                self.to_ground.extend(handshake(&mut self.vehicle));
+            }
+            let Some(Ok(message)) = message else {
                 continue;
             };
             let frames = self.spoil(message, &faults);
@@ -267,11 +370,14 @@ impl<T: Scalar> FaultyLink<T> {
                 }
                 Fault::Echo => {
                     let echo: AnyMessage<T> = Message::Status(VehicleStatus::default());
-                    frames.extend(frame(&echo));
+                    frames.extend(frame_by(&mut self.ground, &echo));
                     self.injected.echoes += 1;
                 }
                 _ => {}
             }
+        }
+        if let Some(attacker) = &mut self.attacker {
+            frames.extend(attacker.frames(&message, faults, &mut self.injected));
         }
         if let Message::ChannelState(state) = &mut message {
             for fault in faults {
@@ -282,7 +388,11 @@ impl<T: Scalar> FaultyLink<T> {
         let too_few = faults.iter().any(|fault| matches!(fault, Fault::TooFew(_)));
         self.injected.too_few += if too_few { copies } else { 0 };
         for _ in 0..copies {
-            frames.extend(frame(&message));
+            let frame = frame_by(&mut self.ground, &message);
+            if let Some(attacker) = &mut self.attacker {
+                attacker.ground_said.clone_from(&frame);
+            }
+            frames.extend(frame);
         }
         frames
     }
@@ -360,8 +470,85 @@ impl<T: Scalar> FaultyLink<T> {
     }
 }
 
-fn frame<T: Scalar>(message: &AnyMessage<T>) -> Vec<u8> {
-    frame_as(PROTOCOL_VERSION, message)
+/// Somebody on the radio who records and sends frames, and does not have the key.
+#[derive(Debug)]
+struct Attacker {
+    /// An end of the link with another key, and the nonces of the ground, which can be read on the
+    /// radio.
+    forger: Endpoint,
+    /// The last frames that were sent to the vehicle and by it.
+    ground_said: Vec<u8>,
+    vehicle_said: Vec<u8>,
+}
+
+impl Attacker {
+    fn new(start: [u8; 12]) -> Self {
+        let key = GroundKey::new([0xbd; 32]);
+        let mut forger = Endpoint::ground(Credentials {
+            key: key.clone(),
+            start,
+        });
+        let mut accomplice = Endpoint::vehicle(Credentials { key, start });
+        // Offer, answer, confirmation.
+        let (mut up, mut down) = (Vec::new(), handshake(&mut accomplice));
+        for _ in 0..2 {
+            push_all(&mut forger, &down);
+            up.extend(handshake(&mut forger));
+            push_all(&mut accomplice, &up);
+            down = handshake(&mut accomplice);
+        }
+        Self {
+            forger,
+            ground_said: Vec::new(),
+            vehicle_said: Vec::new(),
+        }
+    }
+
+    /// Returns the frames of these attacks.
+    fn frames<T: Scalar>(
+        &mut self,
+        message: &AnyMessage<T>,
+        faults: &[Fault],
+        injected: &mut Injected,
+    ) -> Vec<u8> {
+        let mut frames = Vec::new();
+        for fault in faults {
+            let (frame, count) = match fault {
+                Fault::Forged => (frame_by(&mut self.forger, message), &mut injected.forged),
+                Fault::Replayed => (self.ground_said.clone(), &mut injected.replayed),
+                Fault::Reflected => (self.vehicle_said.clone(), &mut injected.reflected),
+                Fault::Downgraded => {
+                    let frame = frame_as(PROTOCOL_VERSION, message);
+                    (frame, &mut injected.downgraded)
+                }
+                _ => continue,
+            };
+            // Each frame has two delimiters.
+            *count += frame.iter().filter(|&&byte| byte == 0).count() as u32 / 2;
+            frames.extend(frame);
+        }
+        frames
+    }
+}
+
+fn push_all(end: &mut Endpoint, bytes: &[u8]) {
+    for &byte in bytes {
+        let _ = end.push::<f64, USERS_MAX, SENSORS_MAX>(byte);
+    }
+}
+
+/// Returns the frame of the handshake that an end has to send, or nothing.
+fn handshake(end: &mut Endpoint) -> Vec<u8> {
+    let mut buffer = [0; FRAME_MAX];
+    end.take_handshake(&mut buffer)
+        .map_or_else(Vec::new, <[u8]>::to_vec)
+}
+
+/// Returns a message as a frame of an end; nothing if it has no session.
+fn frame_by<T: Scalar>(end: &mut Endpoint, message: &AnyMessage<T>) -> Vec<u8> {
+    let mut buffer = [0; FRAME_MAX];
+    end.encode(message, &mut buffer)
+        .map_or_else(|_| Vec::new(), <[u8]>::to_vec)
 }
 
 fn frame_as<T: Scalar>(version: u8, message: &AnyMessage<T>) -> Vec<u8> {

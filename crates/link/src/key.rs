@@ -1,10 +1,15 @@
-//! Reads key files for MAVLink 2 signing: 64 hexadecimal digits, or 32 raw bytes.
+//! Reads key files: for MAVLink 2 signing 64 hexadecimal digits or 32 raw bytes, for the ground link
+//! 64 hexadecimal digits.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use firmware_core::autopilot::wire::signing::SigningKey;
+use firmware_core::{
+    autopilot::wire::signing::SigningKey,
+    link::{Credentials, GroundKey},
+};
+use zeroize::Zeroizing;
 
 /// Error returned when a key file cannot be used. No message contains the key itself.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +32,15 @@ pub enum KeyError {
         /// The permission bits of the file.
         mode: u32,
     },
+    /// The content is not a key of the ground link.
+    #[error("key file {path}: it must hold 64 hexadecimal digits and nothing else")]
+    NotHexadecimal {
+        /// The path of the file.
+        path: String,
+    },
+    /// The operating system has no random numbers.
+    #[error("no random numbers: {0}")]
+    Random(getrandom::Error),
     /// The content is not a key.
     #[error("key file {path}: {length} bytes; it must hold 64 hexadecimal digits or 32 bytes")]
     Format {
@@ -37,11 +51,45 @@ pub enum KeyError {
     },
 }
 
-/// Reads a key.
+/// Reads a key for MAVLink 2 signing.
 ///
 /// # Errors
 /// Returns an error if the file cannot be read, is accessible to others, or does not contain a key.
 pub fn read(path: &Path) -> Result<SigningKey, KeyError> {
+    let bytes = content(path)?;
+    parse(&bytes).ok_or_else(|| KeyError::Format {
+        path: path.display().to_string(),
+        length: bytes.len(),
+    })
+}
+
+/// Reads a key of the ground link.
+///
+/// # Errors
+/// Returns an error if the file cannot be read, is accessible to others, or does not contain 64
+/// hexadecimal digits.
+pub fn read_ground(path: &Path) -> Result<GroundKey, KeyError> {
+    let digits = hexadecimal(&content(path)?);
+    let key = digits.map(GroundKey::new);
+    key.ok_or_else(|| KeyError::NotHexadecimal {
+        path: path.display().to_string(),
+    })
+}
+
+/// Returns the credentials of an end that starts now: its nonces begin with random bytes of the
+/// operating system.
+///
+/// # Errors
+/// Returns an error if the operating system has no random numbers.
+pub fn credentials(key: &GroundKey) -> Result<Credentials, KeyError> {
+    let mut start = [0; 12];
+    getrandom::fill(&mut start).map_err(KeyError::Random)?;
+    let key = key.clone();
+    Ok(Credentials { key, start })
+}
+
+/// Reads the beginning of a file that only its owner can read and change.
+fn content(path: &Path) -> Result<Zeroizing<Vec<u8>>, KeyError> {
     let failed = |error| KeyError::Read {
         path: path.display().to_string(),
         error,
@@ -60,18 +108,21 @@ pub fn read(path: &Path) -> Result<SigningKey, KeyError> {
             });
         }
     }
-    let mut bytes = Vec::new();
+    // The capacity suffices: no copy of the key is left behind by a growing vector.
+    let mut bytes = Zeroizing::new(Vec::with_capacity(128));
     file.take(67).read_to_end(&mut bytes).map_err(failed)?;
-    parse(&bytes).ok_or_else(|| KeyError::Format {
-        path: path.display().to_string(),
-        length: bytes.len(),
-    })
+    Ok(bytes)
 }
 
 fn parse(bytes: &[u8]) -> Option<SigningKey> {
     if let Ok(raw) = bytes.try_into() {
         return Some(SigningKey::new(raw));
     }
+    hexadecimal(bytes).map(SigningKey::new)
+}
+
+/// Reads 64 hexadecimal digits, after which there may be white space.
+fn hexadecimal(bytes: &[u8]) -> Option<[u8; 32]> {
     let digits = bytes.trim_ascii_end();
     if digits.len() != 64 {
         return None;
@@ -81,7 +132,7 @@ fn parse(bytes: &[u8]) -> Option<SigningKey> {
     for (byte, pair) in key.iter_mut().zip(digits.chunks_exact(2)) {
         *byte = (digit(pair[0])? * 16 + digit(pair[1])?) as u8;
     }
-    Some(SigningKey::new(key))
+    Some(key)
 }
 
 #[cfg(all(test, unix))]
@@ -118,5 +169,25 @@ mod tests {
         }
         let missing = read(Path::new("no-such.key")).unwrap_err().to_string();
         assert!(missing.contains("no-such.key"), "{missing}");
+    }
+
+    #[test]
+    fn a_ground_key_is_hexadecimal_digits_and_each_start_has_its_own_nonces() {
+        let hex = [b"0f".repeat(32), b"\n".to_vec()].concat();
+        let key = read_ground(file(&hex, 0o600).path()).unwrap();
+        assert!(key == GroundKey::new([15; 32]));
+        let [one, other] = [(); 2].map(|()| credentials(&key).unwrap());
+        assert_ne!(one.start, other.start);
+        let short = &hex[..62];
+        for content in [short, &[15; 32], b"", &b"0g".repeat(32), &hex.repeat(2)] {
+            let error = read_ground(file(content, 0o600).path()).unwrap_err();
+            let words = error.to_string();
+            assert!(
+                words.ends_with("64 hexadecimal digits and nothing else"),
+                "{words}"
+            );
+        }
+        let open = read_ground(file(&hex, 0o640).path()).unwrap_err();
+        assert!(open.to_string().contains("mode 640"), "{open}");
     }
 }

@@ -319,7 +319,7 @@ impl<T: Scalar> Autopilot<T> {
         }
     }
 
-    /// Records that the ground was heard (see [`super::failsafe::Watch::ground`]).
+    /// Records that a channel state of the ground was taken (see [`super::failsafe::Watch::ground`]).
     pub fn note_ground_link(&mut self, now: Instant) {
         self.ground_heard = Some(now);
     }

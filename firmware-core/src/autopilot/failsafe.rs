@@ -33,7 +33,7 @@ pub enum Cause {
     BatteryLow,
     /// The vehicle is outside the geofence.
     FenceBreached,
-    /// The ground was not heard.
+    /// No channel state of the ground was taken.
     GroundSilent,
     /// The next leg was not commanded in time.
     SlotOverrun,
@@ -130,7 +130,7 @@ pub static TABLE: [FailsafeRow; 15] = [
     },
     FailsafeRow {
         cause: Cause::GroundSilent,
-        detected: "no frame on the ground link for `ground` during the legs (off unless set; `host-sim run`: ten slots, 10 s at least)",
+        detected: "no channel state taken from the ground link for `ground` during the legs (off unless set; `host-sim run`: ten slots, 10 s at least)",
         reaction: Reaction::Land,
         ends: "landed and disarmed",
     },
@@ -228,7 +228,8 @@ pub struct Watch<T> {
     pub battery: Duration,
     /// The distance outside the geofence that counts as a breach, m.
     pub fence_margin_m: T,
-    /// The longest time without the ground, from the first leg on; `None` if it is not supervised.
+    /// The longest time without a channel state of the ground that was taken, from the first leg on;
+    /// `None` if it is not supervised.
     pub ground: Option<Duration>,
     /// The longest time without a new leg.
     pub overrun: Duration,

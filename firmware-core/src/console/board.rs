@@ -186,6 +186,10 @@ impl MissionOrder {
             planning_operations: PLANNER_OPERATIONS_PER_POLL,
             ..OnboardSettings::default()
         };
-        Ok(Onboard::new(settings, controller, autopilot))
+        let mut computer = Onboard::new(settings, controller, autopilot);
+        if let Some(credentials) = &self.ground_link {
+            computer.authenticate_ground(credentials.clone());
+        }
+        Ok(computer)
     }
 }

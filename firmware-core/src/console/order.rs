@@ -6,6 +6,7 @@ use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{Geofence, SettingsError, frames::Geodetic},
     limits::MotionLimits,
+    link::Credentials,
     mission::{MissionError, MissionParameters},
     planner::PlannerError,
     policy::PolicyMismatch,
@@ -50,6 +51,8 @@ pub struct MissionOrder {
     pub policy_kind: PolicyKind,
     /// The clock to use.
     pub clock: Clock,
+    /// The authentication of the ground link; `None` leaves it open.
+    pub ground_link: Option<Credentials>,
 }
 
 /// Error returned when an order cannot be flown.
@@ -147,7 +150,7 @@ pub fn in_single_precision<T: Scalar, const M: usize, const J: usize>(
 #[cfg(test)]
 pub(super) mod tests {
     use super::{super::protocol::words, *};
-    use crate::test_missions::table_one;
+    use crate::{link::GroundKey, test_missions::table_one};
 
     pub(in crate::console) fn order() -> MissionOrder {
         let mission = table_one::<f64>();
@@ -166,6 +169,10 @@ pub(super) mod tests {
             ground_patience: Some(Duration::from_secs(1_000_000)),
             policy_kind: PolicyKind::StraightLine,
             clock: Clock::Console,
+            ground_link: Some(Credentials {
+                key: GroundKey::new([0xff; 32]),
+                start: [0xff; 12],
+            }),
         }
     }
 

@@ -13,10 +13,10 @@ use crate::{
 };
 
 /// The version of the console's messages. Any change of a message needs a new version.
-pub const CONSOLE_VERSION: u8 = 131;
+pub const CONSOLE_VERSION: u8 = 132;
 
 /// The length of the longest frame: an order with the largest number of users and sensors.
-pub const CONSOLE_FRAME_MAX: usize = 832;
+pub const CONSOLE_FRAME_MAX: usize = 880;
 
 /// The length of the longest text.
 pub const TEXT_MAX: usize = 120;
@@ -137,7 +137,12 @@ pub struct Calls(Decoder<CONSOLE_FRAME_MAX>);
 impl Calls {
     /// Takes a byte. At the end of a frame it returns the call, or the error if there is none.
     pub fn push(&mut self, byte: u8) -> Option<Result<Call, FrameError>> {
-        self.0.push_of(CONSOLE_VERSION, byte)
+        let call = self.0.push_of(CONSOLE_VERSION, byte);
+        if matches!(call, Some(Ok(Call::Order(_)) | Err(_))) {
+            // An order may carry a key.
+            self.0.erase();
+        }
+        call
     }
 }
 
@@ -213,6 +218,6 @@ mod tests {
         });
         let mut buffer = [0; 32];
         let frame = encode_call(&tick, &mut buffer).expect("fits");
-        assert_eq!(frame[..8], [0, 11, 131, 1, 172, 2, 1, 2]);
+        assert_eq!(frame[..8], [0, 11, 132, 1, 172, 2, 1, 2]);
     }
 }

@@ -11,6 +11,39 @@ pub struct FrameTooLong {
     pub capacity: usize,
 }
 
+/// Error returned when a message cannot be made a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum EncodeError {
+    /// The frame does not fit.
+    #[error(transparent)]
+    TooLong(#[from] FrameTooLong),
+    /// The link is authenticated, and there is no session yet.
+    #[error("no session with the other end")]
+    NoSession,
+}
+
+/// The reason why a frame of an authenticated link was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// It has no tag.
+    #[error("not authenticated")]
+    Unauthenticated,
+    /// It names the present session, or is an offer, and its tag does not match.
+    #[error("its tag does not match")]
+    Forged,
+    /// It names another session than the present one, and does not begin one.
+    #[error("of another session")]
+    OtherSession,
+    /// Its tag matches, but its counter is not above that of the last frame.
+    #[error("received before")]
+    Replayed,
+    /// It is of a kind that this end itself sends.
+    #[error("sent by this end")]
+    Reflected,
+}
+
 /// Error returned when the bytes between two delimiters are not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -34,4 +67,7 @@ pub enum FrameError {
     /// gains.
     #[error("not a message of this protocol")]
     Message,
+    /// The link is authenticated, and the frame is not of the other end or not of this session.
+    #[error("refused: {0}")]
+    Refused(Refusal),
 }

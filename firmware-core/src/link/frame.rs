@@ -7,7 +7,7 @@ use serde::{Serialize, de::DeserializeOwned};
 use super::{
     byte_stuffing::unstuff,
     error::{FrameError, FrameTooLong},
-    message::{FRAME_MAX, Message, PROTOCOL_VERSION, frame_max},
+    message::{FRAME_MAX, Message, PROTOCOL_VERSION, secure_frame_max},
     status::LinkCounters,
 };
 use crate::{counter::count, scalar::Scalar};
@@ -38,7 +38,7 @@ pub fn encode_as<'f, T: Scalar, const M: usize, const J: usize>(
 ) -> Result<&'f [u8], FrameTooLong> {
     const {
         assert!(
-            frame_max(M, J) <= FRAME_MAX,
+            secure_frame_max(M, J) <= FRAME_MAX,
             "a message can outgrow a frame"
         )
     };
@@ -57,6 +57,17 @@ pub(crate) fn seal<'f, const N: usize>(
     plain[0] = version;
     let body = postcard::to_slice(message, &mut plain[1..N - 4]).map_err(|_| too_long)?;
     let end = 1 + body.len();
+    wrap(&mut plain, end, frame)
+}
+
+/// Appends the CRC to the first `end` bytes of `plain` and writes them as a frame.
+pub(super) fn wrap<'f>(
+    plain: &mut [u8],
+    end: usize,
+    frame: &'f mut [u8],
+) -> Result<&'f [u8], FrameTooLong> {
+    let capacity = frame.len();
+    let too_long = FrameTooLong { capacity };
     let (checked, rest) = plain.split_at_mut_checked(end).ok_or(too_long)?;
     *rest.first_chunk_mut().ok_or(too_long)? = CHECKSUM.checksum(checked).to_le_bytes();
     let plain = plain.get(..end + 4).ok_or(too_long)?;
@@ -107,6 +118,25 @@ impl<const N: usize> Decoder<N> {
         version: u8,
         byte: u8,
     ) -> Option<Result<D, FrameError>> {
+        self.push_with(byte, |plain| decode_message(version, plain).map(Some))
+    }
+
+    /// Overwrites the bytes of the last frame.
+    #[cfg(all(feature = "autopilot", feature = "planner"))]
+    pub(crate) fn erase(&mut self) {
+        // Within the capacity: no error.
+        let _ = self.buffer.resize(N, 0);
+        zeroize::Zeroize::zeroize(self.buffer.as_mut_slice());
+        self.buffer.clear();
+    }
+
+    /// Takes a byte. At the end of a frame `read` takes what the CRC covers, version first; a frame
+    /// for which it returns no message is not counted here.
+    pub(super) fn push_with<D>(
+        &mut self,
+        byte: u8,
+        read: impl FnOnce(&[u8]) -> Result<Option<D>, FrameError>,
+    ) -> Option<Result<D, FrameError>> {
         if byte != 0 {
             self.overflowed |= self.buffer.push(byte).is_err();
             return None;
@@ -117,27 +147,39 @@ impl<const N: usize> Decoder<N> {
             // Two delimiters in a row: an idle line, or a sender that starts with one.
             return None;
         } else {
-            decode(version, &mut self.buffer)
+            unwrap(&mut self.buffer).and_then(read)
         };
         self.buffer.clear();
         self.overflowed = false;
         match &outcome {
-            Ok(_) => count(&mut self.counters.messages),
+            Ok(Some(_)) => count(&mut self.counters.messages),
+            Ok(None) => {}
             Err(error) => self.counters.note(*error),
         }
-        Some(outcome)
+        outcome.transpose()
     }
 }
 
-/// Decodes a message from the bytes between two delimiters.
-fn decode<D: DeserializeOwned>(expected: u8, frame: &mut [u8]) -> Result<D, FrameError> {
+/// Returns what the CRC covers of the bytes between two delimiters.
+fn unwrap(frame: &mut [u8]) -> Result<&[u8], FrameError> {
     let (plain, checksum) = unstuff(frame)
         .and_then(|plain| plain.split_last_chunk::<4>())
         .ok_or(FrameError::Malformed)?;
-    let (&version, body) = plain.split_first().ok_or(FrameError::Malformed)?;
+    if plain.is_empty() {
+        return Err(FrameError::Malformed);
+    }
     if CHECKSUM.checksum(plain) != u32::from_le_bytes(*checksum) {
         return Err(FrameError::Checksum);
     }
+    Ok(plain)
+}
+
+/// Decodes a message without authentication.
+pub(super) fn decode_message<D: DeserializeOwned>(
+    expected: u8,
+    plain: &[u8],
+) -> Result<D, FrameError> {
+    let (&version, body) = plain.split_first().ok_or(FrameError::Malformed)?;
     if version != expected {
         return Err(FrameError::Version { got: version });
     }
@@ -151,6 +193,8 @@ impl LinkCounters {
     /// Counts a frame that was dropped.
     fn note(&mut self, error: FrameError) {
         count(match error {
+            // Counted by the authentication.
+            FrameError::Refused(_) => return,
             FrameError::TooLong => &mut self.too_long,
             FrameError::Malformed => &mut self.malformed,
             FrameError::Checksum => &mut self.checksum,

@@ -2,7 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::status::VehicleStatus;
+use super::{
+    security,
+    status::{SecurityCounters, VehicleStatus},
+};
 use crate::{
     SENSORS_MAX, USERS_MAX,
     controller::{ChannelState, DatedChange, Plan, SlotCommand},
@@ -13,16 +16,34 @@ use crate::{
 /// The protocol version of this crate. Any change of a message needs a new version.
 pub const PROTOCOL_VERSION: u8 = 4;
 
-/// The longest frame at the default capacities, in double precision.
-pub const FRAME_MAX: usize = frame_max(USERS_MAX, SENSORS_MAX);
+/// The version of authenticated frames: the messages are those of [`PROTOCOL_VERSION`].
+pub const SECURE_VERSION: u8 = 64 + PROTOCOL_VERSION;
 
-/// Returns the length of the longest frame for up to so many users and sensors, in double
-/// precision, delimiters included. Whether every message fits is checked at compile time: see
+/// The longest frame at the default capacities, in double precision, authenticated or not.
+pub const FRAME_MAX: usize = secure_frame_max(USERS_MAX, SENSORS_MAX);
+
+/// Returns the length of the longest authenticated frame: see [`frame_max`].
+pub const fn secure_frame_max(users: usize, sensors: usize) -> usize {
+    framed(plain_max(users, sensors) + security::OVERHEAD)
+}
+
+/// Returns the length of the longest frame without authentication for up to so many users and
+/// sensors, in double precision, delimiters included. Whether every message fits is checked at compile time: see
 /// [`encode`](super::encode).
 ///
-/// The longest message is a channel state, a command or a status. An arrival and a change are
-/// shorter than a status, whatever the capacities.
+/// The longest message is a channel state, a command or a status. An arrival, a change and the
+/// counters of authentication are shorter than a status, whatever the capacities.
 pub const fn frame_max(users: usize, sensors: usize) -> usize {
+    framed(plain_max(users, sensors))
+}
+
+/// Returns the length of a frame around so many bytes, at most.
+const fn framed(plain: usize) -> usize {
+    1 + cobs::max_encoding_length(plain) + 1
+}
+
+/// Returns the length of version, longest message and CRC.
+const fn plain_max(users: usize, sensors: usize) -> usize {
     // postcard: integers in groups of 7 bits, enumerations and lengths as integers.
     const REAL: usize = 8;
     const U8: usize = 1;
@@ -38,8 +59,7 @@ pub const fn frame_max(users: usize, sensors: usize) -> usize {
     let command = U32 + (U8 + INDEX) + reals + (U8 + REAL) + U8 + U32 + 2 * U16;
     let status = VehicleStatus::COUNTERS * U32 + (U8 + 2 * REAL / 2 + U8);
     let message = U8 + larger(state, larger(command, status));
-    let plain = 1 + message + 4;
-    1 + cobs::max_encoding_length(plain) + 1
+    1 + message + 4
 }
 
 /// A message between the ground and the vehicle.
@@ -57,6 +77,8 @@ pub enum Message<T: Scalar, const M: usize, const J: usize> {
     Status(VehicleStatus),
     /// To the vehicle: what is known of the mission has changed.
     Change(NumberedChange<T>),
+    /// To the ground, after the status, where the link is authenticated: what was refused.
+    Security(SecurityCounters),
 }
 
 /// A change of the mission with its number in the order of all changes, from 1. The vehicle takes

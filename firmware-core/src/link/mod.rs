@@ -14,20 +14,30 @@
 //! affects only the frames that it touches. [`Decoder`] never panics and never allocates; it counts
 //! what it dropped and why ([`status`]).
 //!
-//! Worst case: one pass over a frame of at most [`FRAME_MAX`] bytes.
+//! An [`Endpoint`] with [`Credentials`] authenticates the link: each frame then carries a nonce, a
+//! counter and a tag (`docs/link-protocol.md`), and all others are counted and dropped.
+//!
+//! Worst case without authentication: one pass over a frame of at most [`FRAME_MAX`] bytes.
 
 mod byte_stuffing;
+mod endpoint;
 mod error;
 mod frame;
 mod message;
+mod security;
 pub mod status;
 
-pub use error::{FrameError, FrameTooLong};
+pub use endpoint::Endpoint;
+pub use error::{EncodeError, FrameError, FrameTooLong, Refusal};
 #[cfg(all(feature = "autopilot", feature = "planner"))]
 pub(crate) use frame::seal;
 pub use frame::{Decoder, encode, encode_as};
-pub use message::{Arrival, FRAME_MAX, Message, NumberedChange, PROTOCOL_VERSION, frame_max};
-pub use status::{LinkCounters, SlotCounters, VehicleStatus};
+pub use message::{
+    Arrival, FRAME_MAX, Message, NumberedChange, PROTOCOL_VERSION, SECURE_VERSION, frame_max,
+    secure_frame_max,
+};
+pub use security::{Credentials, GroundKey};
+pub use status::{LinkCounters, SecurityCounters, SlotCounters, VehicleStatus};
 
 #[cfg(test)]
 mod tests;

@@ -4,7 +4,8 @@
 //! Counters start at 0 when the vehicle starts, never decrease, and stay at their largest value.
 //! They are consistent:
 //!
-//! * every delimited piece of the ground link is one of [`LinkCounters`];
+//! * every delimited piece of the ground link is one of [`LinkCounters`] or, where the link is
+//!   authenticated, of [`SecurityCounters`];
 //! * every good message is used, or is one of `states_out_of_turn`, `states_of_wrong_size`,
 //!   `changes_out_of_turn` and `echoes`: `messages = measured + states_out_of_turn +
 //!   states_of_wrong_size + changes + changes_out_of_turn + echoes`, and one more while a state
@@ -42,6 +43,43 @@ impl LinkCounters {
             self.checksum,
             self.version,
             self.message,
+        ]
+        .into_iter()
+        .fold(0, u32::saturating_add)
+    }
+}
+
+/// Counters of what the authentication of the ground link has taken and refused. They are those of
+/// one end, from its start on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SecurityCounters {
+    /// Sessions that have begun. It is not a count of frames: the frame that begins a session is one
+    /// of the handshake or a message.
+    pub sessions: u32,
+    /// Frames of the handshake that were taken.
+    pub handshakes: u32,
+    /// Frames without authentication.
+    pub unauthenticated: u32,
+    /// Frames whose tag does not match.
+    pub forged: u32,
+    /// Frames of another session, such as an earlier one, or made up.
+    pub other_session: u32,
+    /// Frames that came again, or after a later one.
+    pub replayed: u32,
+    /// Frames of a kind that only this end sends.
+    pub reflected: u32,
+}
+
+impl SecurityCounters {
+    /// Returns the number of frames that were refused for any reason.
+    pub fn refused(&self) -> u32 {
+        [
+            self.unauthenticated,
+            self.forged,
+            self.other_session,
+            self.replayed,
+            self.reflected,
         ]
         .into_iter()
         .fold(0, u32::saturating_add)

@@ -5,7 +5,7 @@ use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{Autopilot, wire},
     controller::{ChannelState, Controller, SlotCommand},
-    link::{Arrival, Decoder, SlotCounters, VehicleStatus},
+    link::{Arrival, Credentials, Endpoint, SecurityCounters, SlotCounters, VehicleStatus},
     policy::Policy,
     scalar::Scalar,
     time::{Duration, Instant},
@@ -58,11 +58,14 @@ pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SE
     pub(super) began: Option<Instant>,
     pub(super) mavlink_in: wire::Decoder,
     pub(super) mavlink_out: wire::Encoder,
-    pub(super) ground_in: Decoder,
+    pub(super) ground: Endpoint,
+    /// When a session of the ground link is offered again, while there is none.
+    pub(super) offer_at: Option<Instant>,
     pub(super) channel_state: Option<ChannelState<T, M, J>>,
     pub(super) arrival: Option<Arrival<T>>,
     pub(super) command: Option<SlotCommand<T, J>>,
     pub(super) status_due: bool,
+    pub(super) security_due: bool,
     pub(super) slots: SlotCounters,
     pub(super) mavlink_unreadable: u32,
 }
@@ -93,14 +96,29 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             measuring: None,
             began: None,
             mavlink_in: wire::Decoder::in_order(),
-            ground_in: Decoder::new(),
+            ground: Endpoint::new(),
+            offer_at: None,
             channel_state: None,
             arrival: None,
             command: None,
             status_due: false,
+            security_due: false,
             slots: SlotCounters::default(),
             mavlink_unreadable: 0,
         }
+    }
+
+    /// Authenticates the ground link from now on: only messages of a ground with the same key are
+    /// taken. Must be called before bytes of the ground are received. See [`Credentials`] for what
+    /// they require of the caller.
+    pub fn authenticate_ground(&mut self, credentials: Credentials) {
+        self.ground = Endpoint::vehicle(credentials);
+    }
+
+    /// Returns the counters of the authentication of the ground link; `None` if it is not
+    /// authenticated.
+    pub fn security(&self) -> Option<&SecurityCounters> {
+        self.ground.security()
     }
 
     /// Returns the stage of the mission.
@@ -152,7 +170,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
                 changes_refused: self.controller.changes_refused(),
                 ..self.slots
             },
-            link: *self.ground_in.counters(),
+            link: *self.ground.counters(),
             mavlink: self.mavlink_in.counters(),
             mavlink_unreadable: self.mavlink_unreadable,
             plan: self.controller.policy().quality(),

@@ -8,7 +8,7 @@ use crate::{
     },
     controller::{ChannelState, ControllerError},
     counter::count,
-    link::{self, FRAME_MAX, Message, NumberedChange},
+    link::{FRAME_MAX, Message, NumberedChange},
     policy::Policy,
     scalar::Scalar,
     time::Instant,
@@ -67,25 +67,29 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     /// Takes bytes from the ground link.
     pub fn receive_ground(&mut self, now: Instant, bytes: &[u8]) {
         for &byte in bytes {
-            let Some(Ok(message)) = self.ground_in.push(byte) else {
+            let Some(Ok(message)) = self.ground.push(byte) else {
                 continue;
             };
-            self.autopilot.note_ground_link(now);
             match message {
-                Message::ChannelState(state) => self.take_channel_state(state),
+                Message::ChannelState(state) => self.take_channel_state(now, state),
                 Message::Change(change) => self.take_change(&change),
-                Message::Arrival(_) | Message::Command(_) | Message::Status(_) => {
-                    count(&mut self.slots.echoes);
-                }
+                Message::Arrival(_)
+                | Message::Command(_)
+                | Message::Status(_)
+                | Message::Security(_) => count(&mut self.slots.echoes),
             }
         }
     }
 
-    /// Keeps a channel state if a slot is waiting for it.
-    fn take_channel_state(&mut self, state: ChannelState<T, M, J>) {
+    /// Keeps a channel state if a slot is waiting for it. Nothing else counts as a sign of the ground
+    /// for the failsafe: not what anybody could send at any time, and not what this end has sent.
+    fn take_channel_state(&mut self, now: Instant, state: ChannelState<T, M, J>) {
         let wanted = self.measuring.is_some() && self.channel_state.is_none();
         match self.controller.check_state(&state) {
-            Ok(_) if wanted => self.channel_state = Some(state),
+            Ok(_) if wanted => {
+                self.channel_state = Some(state);
+                self.autopilot.note_ground_link(now);
+            }
             Err(ControllerError::WrongSize { .. }) => {
                 count(&mut self.slots.states_of_wrong_size);
             }
@@ -105,6 +109,12 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
 
     /// Returns the next frame for the ground. Call until `None` after every [`poll`](Self::poll).
     pub fn take_ground_frame<'b>(&mut self, buffer: &'b mut [u8; FRAME_MAX]) -> Option<&'b [u8]> {
+        if self.ground.is_handshake_due() {
+            return self.ground.take_handshake(buffer);
+        }
+        if !self.ground.has_session() {
+            return None;
+        }
         // A slot's command before the next slot's arrival.
         let message: Message<T, M, J> = if let Some(command) = self.command.take() {
             Message::Command(command)
@@ -112,11 +122,20 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             Message::Arrival(arrival)
         } else if self.status_due {
             self.status_due = false;
+            self.security_due = true;
             Message::Status(self.status())
+        } else if let Some(&counters) = self.ground.security().filter(|_| self.security_due) {
+            self.security_due = false;
+            Message::Security(counters)
         } else {
             return None;
         };
         // Every message fits: `encode` does not compile where one could be too long.
-        link::encode(&message, buffer).ok()
+        let frame = self.ground.encode(&message, buffer).ok();
+        if frame.is_none() {
+            // The session was at its last counter.
+            count(&mut self.slots.unsent);
+        }
+        frame
     }
 }

@@ -20,10 +20,16 @@ use crate::{
 /// The rest is needed for jerk and for following the reference.
 const RELIABLE_FRACTION: f64 = 0.5;
 
+/// The time after which the vehicle offers a session of the ground link again, while there is none.
+const OFFER_INTERVAL: Duration = Duration::from_secs(1);
+
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
     /// Returns when [`poll`](Self::poll) must be called next if nothing is received before.
     pub fn poll_at(&self, now: Instant) -> Instant {
-        let next = self.autopilot.poll_at(now);
+        let mut next = self.autopilot.poll_at(now);
+        if !self.ground.has_session() {
+            next = next.min(self.offer_at.unwrap_or(now));
+        }
         match &self.measuring {
             Some(measuring) => next
                 .min(measuring.since + self.settings.channel_patience)
@@ -32,8 +38,18 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
     }
 
+    /// Offers a session of the ground link while there is none.
+    fn offer_session(&mut self, now: Instant) {
+        let is_due = self.offer_at.is_none_or(|at| now >= at);
+        if is_due && !self.ground.has_session() {
+            self.ground.offer();
+            self.offer_at = Some(now + OFFER_INTERVAL);
+        }
+    }
+
     /// Advances the slot cycle as far as what was received allows.
     pub fn poll(&mut self, now: Instant, probe: &mut impl Probe) {
+        self.offer_session(now);
         let phase = self.autopilot.phase();
         if phase.is_final() {
             let whole = matches!(self.stage, Stage::Landing | Stage::Completed);
@@ -195,6 +211,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
             count(&mut slots.unsent);
         }
         self.status_due = true;
+        // A ground that was restarted answers it.
+        self.ground.offer();
     }
 
     fn abort(&mut self, now: Instant, fault: Fault) {

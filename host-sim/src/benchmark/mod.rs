@@ -114,6 +114,7 @@ fn fly_through(
         return (flown, Vec::new());
     };
     let settings = FlightSettings {
+        ground_link: None,
         policy: name,
         inner: Allocation::Exact,
         profile,

@@ -1,16 +1,19 @@
 //! The choice of the controller: in this process, on a board, or the board's controller (f32) in this
-//! process.
+//! process; and the key of its ground link.
 
 use std::{path::Path, str::FromStr, sync::Arc};
 
 use clap::{Args, ValueEnum};
 use files::input;
-use firmware_core::console::{Footprint, PolicyKind};
+use firmware_core::{
+    console::{Footprint, MissionOrder, PolicyKind},
+    link::Credentials,
+};
 use host_sim::{
     flight::computer::{Image, Twin, order},
     policy::PolicyChoice,
 };
-use link::HostPort;
+use link::{HostPort, key};
 use scenario::Scenario;
 use vehicle::Profile;
 
@@ -60,6 +63,28 @@ pub(crate) struct BoardChoice {
     precision: Precision,
 }
 
+/// The credentials of both ends of the ground link, which start now; `None` leaves it open.
+#[derive(Clone, Debug, Default)]
+pub(super) struct GroundLink {
+    pub(super) vehicle: Option<Credentials>,
+    pub(super) ground: Option<Credentials>,
+}
+
+impl GroundLink {
+    /// Reads the key file of `--ground-key`.
+    pub(super) fn of(file: Option<&Path>) -> Result<Self, Failure> {
+        let Some(file) = file else {
+            return Ok(Self::default());
+        };
+        let key = key::read_ground(file).map_err(Failure::bad_input)?;
+        let credentials = || key::credentials(&key).map_err(Failure::failed);
+        Ok(Self {
+            vehicle: Some(credentials()?),
+            ground: Some(credentials()?),
+        })
+    }
+}
+
 /// A controller that has received its mission order.
 pub(super) enum OpenBoard {
     /// A board, connected by three TCP connections.
@@ -79,8 +104,12 @@ impl BoardChoice {
         &self,
         scenario: &Scenario,
         (policy, profile): (&PolicyChoice, Profile),
+        ground_link: Option<&Credentials>,
     ) -> Result<OpenBoard, Failure> {
-        let ordered = |policy_kind| order(scenario, profile, policy_kind);
+        let ordered = |policy_kind| MissionOrder {
+            ground_link: ground_link.cloned(),
+            ..order(scenario, profile, policy_kind)
+        };
         match (&self.controller, policy) {
             (
                 ControllerChoice::Tcp(to),
@@ -123,10 +152,7 @@ fn is_policy(path: &Path) -> bool {
     path.extension().is_some_and(|kind| kind == "policy")
 }
 
-fn twin(
-    order: &firmware_core::console::MissionOrder,
-    policy: Option<Arc<[u8]>>,
-) -> Result<OpenBoard, Failure> {
+fn twin(order: &MissionOrder, policy: Option<Arc<[u8]>>) -> Result<OpenBoard, Failure> {
     let twin = Twin::new(order, policy).map_err(Failure::bad_input)?;
     Ok(OpenBoard::Twin(Box::new(twin)))
 }

@@ -16,7 +16,7 @@ use link::HostPort;
 use scenario::{Events, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
-use super::Failure;
+use super::{Failure, board::GroundLink};
 
 /// The options of `host-sim faults`.
 #[derive(Debug, Args)]
@@ -33,6 +33,10 @@ pub(crate) struct FaultsArguments {
     /// Number of fault schedules; each lasts three slots, the last of which has no faults
     #[arg(long, default_value_t = 20)]
     schedules: u32,
+    /// Authenticate the ground link with the key in this file (64 hexadecimal digits, mode 600), and
+    /// inject forged, replayed, reflected and unauthenticated frames as well
+    #[arg(long, value_name = "FILE")]
+    ground_key: Option<PathBuf>,
     /// Seed of the schedules and the faults
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -53,7 +57,9 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
     }
     let named = |error| Failure::bad_input(format!("{}: {error}", arguments.policy.display()));
     let policy = input::read(&arguments.policy).map_err(named)?;
+    let GroundLink { vehicle, ground } = GroundLink::of(arguments.ground_key.as_deref())?;
     let settings = FlightSettings {
+        ground_link: ground,
         policy: "in flash".into(),
         inner: Allocation::Exact,
         profile: Profile::Ideal,
@@ -65,6 +71,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
     let mut order = order(&scenario, settings.profile, PolicyKind::Trained);
     // Some schedules interrupt the link for longer than a mission allows.
     order.ground_patience = None;
+    order.ground_link = vehicle;
     let twin = Twin::new(&order, Some(policy.into())).map_err(Failure::bad_input)?;
     let image = Image::connect(&arguments.board, &order).map_err(Failure::failed)?;
     let computers = (image, twin);

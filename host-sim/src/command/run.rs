@@ -8,6 +8,7 @@ use std::{path::PathBuf, str::FromStr};
 
 use clap::Args;
 use environment::Allocation;
+use firmware_core::link::Credentials;
 use host_sim::{
     experiment::ideal_flight,
     flight::{
@@ -26,7 +27,7 @@ use vehicle::{Profile, Vehicle};
 
 use super::{
     Failure,
-    board::{BoardChoice, OpenBoard, footprint_line},
+    board::{BoardChoice, GroundLink, OpenBoard, footprint_line},
     doctor::{OwnAddressArguments, parse_mps},
     load_policy, warn_of_policy,
 };
@@ -68,6 +69,10 @@ pub(crate) struct RunArguments {
     /// 600), and accept only messages with a valid signature
     #[arg(long, value_name = "FILE")]
     signing_key: Option<PathBuf>,
+    /// Authenticate the ground link between the ground and the onboard computer with the key in this
+    /// file (64 hexadecimal digits, mode 600): see docs/security.md
+    #[arg(long, value_name = "FILE")]
+    ground_key: Option<PathBuf>,
     /// Set the autopilot's parameters that limit the mission's speed (host-sim doctor lists them) for
     /// the flight, and restore them when it ends for any reason
     #[arg(long)]
@@ -135,7 +140,12 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     }
     let policy_warning = policy.foreign_mission(&scenario);
     warn_of_policy(&policy_name, policy_warning.as_deref());
-    let (prepared, client) = prepare(arguments, &scenario, policy_name)?;
+    let GroundLink { vehicle, ground } = GroundLink::of(arguments.ground_key.as_deref())?;
+    let (mut prepared, mut client) = prepare(arguments, &scenario, policy_name)?;
+    prepared.settings.ground_link = ground;
+    if let Some(credentials) = vehicle {
+        client = client.with_ground_link(credentials);
+    }
     let computer = InProcess::new(
         &scenario,
         policy,
@@ -190,30 +200,26 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
         ));
     }
     let chosen = (&arguments.policy, arguments.profile.unwrap_or_default());
-    match arguments.board.open(scenario, chosen)? {
-        OpenBoard::Image(mut image) => {
-            fly_ordered(arguments, scenario, &mut *image, "in flash".into())
-        }
-        OpenBoard::Twin(mut twin) => fly_ordered(
-            arguments,
-            scenario,
-            &mut *twin,
-            arguments.policy.to_string(),
-        ),
+    let GroundLink { vehicle, ground } = GroundLink::of(arguments.ground_key.as_deref())?;
+    let opened = arguments.board.open(scenario, chosen, vehicle.as_ref())?;
+    let flown = (arguments, scenario, ground);
+    match opened {
+        OpenBoard::Image(mut image) => fly_ordered(flown, &mut *image, "in flash".into()),
+        OpenBoard::Twin(mut twin) => fly_ordered(flown, &mut *twin, arguments.policy.to_string()),
     }
 }
 
 /// Flies with a controller that has its mission order.
 fn fly_ordered(
-    arguments: &RunArguments,
-    scenario: &Scenario,
+    (arguments, scenario, ground): (&RunArguments, &Scenario, Option<Credentials>),
     computer: &mut impl OnboardComputer,
     policy: String,
 ) -> Result<(), Failure> {
     let trained_for = computer.scenario_digest();
     let policy_warning = trained_for.and_then(|digest| scenario.foreign_policy(digest));
     warn_of_policy(&policy, policy_warning.as_deref());
-    let (prepared, _) = prepare(arguments, scenario, policy)?;
+    let (mut prepared, _) = prepare(arguments, scenario, policy)?;
+    prepared.settings.ground_link = ground;
     end(fly(scenario, computer, prepared, policy_warning), arguments)
 }
 
@@ -233,6 +239,7 @@ fn prepare(
     report::prepare(&arguments.output.out)
         .map_err(|error| Failure::bad_input(format!("--out: {error}")))?;
     let settings = FlightSettings {
+        ground_link: None,
         policy,
         inner: arguments.inner,
         profile: arguments.profile.unwrap_or_default(),

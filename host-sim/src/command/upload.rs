@@ -57,6 +57,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
     let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
     warn_of_policy(&policy_name, policy.foreign_mission(&scenario).as_deref());
     let settings = FlightSettings {
+        ground_link: None,
         policy: policy_name,
         inner: Allocation::Exact,
         profile: Profile::Ideal,

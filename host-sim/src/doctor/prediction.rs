@@ -77,6 +77,7 @@ pub fn predict<P: Policy<f64, USERS_MAX>>(
     let (_, firmware) = client.vehicle().filter(|_| client.parameters_are_read())?;
     let fly = |policy: P, profile: Profile, parameters: Vec<(String, f32)>| {
         let settings = FlightSettings {
+            ground_link: None,
             policy: String::new(),
             inner: Allocation::Exact,
             profile,

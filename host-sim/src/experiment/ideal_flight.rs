@@ -23,6 +23,7 @@ pub fn fly(
 ) -> Result<FlightRecord, String> {
     let (policy, name) = HostPolicy::load(policy, scenario)?;
     let settings = FlightSettings {
+        ground_link: None,
         policy: name,
         inner,
         profile: Profile::Ideal,

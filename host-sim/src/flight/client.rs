@@ -1,7 +1,10 @@
-//! The settings of the MAVLink client in this process: its address and key, and what it may change
-//! in the vehicle.
+//! The settings of the computer in this process: the address and key of its MAVLink client, what it
+//! may change in the vehicle, and its key on the ground link.
 
-use firmware_core::autopilot::{OwnAddress, wire::signing::SigningKey};
+use firmware_core::{
+    autopilot::{OwnAddress, wire::signing::SigningKey},
+    link::Credentials,
+};
 
 use crate::journal::ParameterJournal;
 
@@ -14,6 +17,7 @@ pub struct ClientSettings {
     pub(super) journal: Option<ParameterJournal>,
     pub(super) profile_from_heartbeat: bool,
     pub(super) own: OwnAddress,
+    pub(super) ground_link: Option<Credentials>,
 }
 
 impl Default for ClientSettings {
@@ -25,6 +29,7 @@ impl Default for ClientSettings {
             journal: None,
             profile_from_heartbeat: false,
             own: OwnAddress::ONBOARD_COMPUTER,
+            ground_link: None,
         }
     }
 }
@@ -33,6 +38,12 @@ impl ClientSettings {
     /// Makes the client sign its frames with this key and accept only frames signed with it.
     pub fn signed_with(mut self, key: SigningKey) -> Self {
         self.key = Some(key);
+        self
+    }
+
+    /// Authenticates the computer's end of the ground link with these credentials.
+    pub fn with_ground_link(mut self, credentials: Credentials) -> Self {
+        self.ground_link = Some(credentials);
         self
     }
 

@@ -6,6 +6,7 @@ use std::time::{Duration as WallDuration, Instant as WallInstant};
 use firmware_core::{
     USERS_MAX,
     autopilot::Phase,
+    link::Endpoint,
     onboard::Stage,
     policy::Policy,
     time::{Duration, Instant},
@@ -69,6 +70,10 @@ pub fn fly_with(
             world,
             events.clone(),
             settings.inner.method(&scenario.mission),
+            settings
+                .ground_link
+                .clone()
+                .map_or_else(Endpoint::new, Endpoint::ground),
         ),
         clock: Clock::new(settings.real_time_factor),
         stopwatch: Stopwatch::default(),

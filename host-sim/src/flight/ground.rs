@@ -4,7 +4,7 @@ use firmware_core::{
     Position, SENSORS_MAX, Scalar, USERS_MAX,
     controller::DatedChange,
     inner::Method,
-    link::{self, Arrival, Decoder, FRAME_MAX, Message, NumberedChange},
+    link::{Arrival, Endpoint, FRAME_MAX, Message, NumberedChange, SecurityCounters},
     mission::MEASUREMENT_M,
     time::Instant,
 };
@@ -13,16 +13,9 @@ use scenario::Events;
 
 use super::precision;
 use crate::{
-    record::{LinkRecord, SlotRecord},
+    record::{LinkRecord, SecurityRecord, SlotRecord},
     world::{HostChannelState, HostSlotCommand, World},
 };
-
-/// Encodes a message as a frame.
-fn encode<T: Scalar>(message: &Message<T, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
-    let mut frame = [0; FRAME_MAX];
-    // Every message fits: `encode` does not compile if one could be too long.
-    link::encode(message, &mut frame).map_or_else(|_| Vec::new(), <[u8]>::to_vec)
-}
 
 /// The ground station of a mission.
 #[derive(Debug)]
@@ -34,35 +27,42 @@ pub(super) struct Ground {
     announced: u32,
     announcements: Vec<String>,
     method: Method<f64>,
-    decoder: Decoder,
+    end: Endpoint,
     /// The slot whose command is awaited, and the true position of the vehicle.
     arrival: Option<(Arrival<f64>, Position<f64>)>,
     slots: Vec<SlotRecord>,
-    /// The counters of the ground except for those of the decoder.
+    /// The counters of the ground except for those of its end.
     link: LinkRecord,
+    /// The last counters of the vehicle's authentication.
+    vehicle_security: SecurityCounters,
 }
 
 impl Ground {
     /// Creates a ground station that tells the vehicle of the world's `events`; `method` is the
-    /// method with which the vehicle allocates.
-    pub(super) fn new(world: World, events: Events, method: Method<f64>) -> Self {
+    /// method with which the vehicle allocates, and `end` the ground's end of the link.
+    pub(super) fn new(world: World, events: Events, method: Method<f64>, end: Endpoint) -> Self {
         Self {
             world,
             events,
             announced: 0,
             announcements: Vec::new(),
             method,
-            decoder: Decoder::new(),
+            end,
             arrival: None,
             slots: Vec::new(),
             link: LinkRecord::default(),
+            vehicle_security: SecurityCounters::default(),
         }
     }
 
     /// Returns the counters of received and lost messages.
     pub(super) fn link(&self) -> LinkRecord {
         LinkRecord {
-            ground: *self.decoder.counters(),
+            ground: *self.end.counters(),
+            security: self.end.security().map(|&ground| SecurityRecord {
+                vehicle: self.vehicle_security,
+                ground,
+            }),
             ..self.link
         }
     }
@@ -89,22 +89,34 @@ impl Ground {
     ) -> Vec<u8> {
         let mut uplink = Vec::new();
         for &byte in bytes {
-            let outcome = self.decoder.push::<T, USERS_MAX, SENSORS_MAX>(byte);
+            let outcome = self.end.push::<T, USERS_MAX, SENSORS_MAX>(byte);
+            // Each offer is answered before the next one is read.
+            let mut frame = [0; FRAME_MAX];
+            uplink.extend_from_slice(self.end.take_handshake(&mut frame).unwrap_or_default());
             match outcome {
                 Some(Ok(Message::Arrival(arrival))) => {
                     let truth = truth(arrival.tick.time);
                     if let Some(state) = self.answer(&precision::arrival(&arrival), truth) {
                         uplink.extend(self.due_changes::<T>(state.slot));
                         let state = precision::channel_state::<T>(&state);
-                        uplink.extend(encode(&Message::ChannelState(state)));
+                        uplink.extend(self.encode(&Message::ChannelState(state)));
                     }
                 }
                 Some(Ok(Message::Command(command))) => self.execute(&precision::command(&command)),
                 Some(Ok(Message::Status(status))) => self.link.vehicle = status,
+                Some(Ok(Message::Security(counters))) => self.vehicle_security = counters,
                 Some(Ok(Message::ChannelState(_) | Message::Change(_)) | Err(_)) | None => {}
             }
         }
         uplink
+    }
+
+    /// Encodes a message as a frame. What is said is an answer to a message of a session, so there is
+    /// one; and every message fits, or `encode` would not compile.
+    fn encode<T: Scalar>(&mut self, message: &Message<T, USERS_MAX, SENSORS_MAX>) -> Vec<u8> {
+        let mut frame = [0; FRAME_MAX];
+        let frame = self.end.encode(message, &mut frame);
+        frame.map_or_else(|_| Vec::new(), <[u8]>::to_vec)
     }
 
     /// Returns the changes up to the slot after `slot` that the vehicle does not have yet, as
@@ -114,8 +126,10 @@ impl Ground {
         let known = self.link.vehicle.slots.changes;
         let numbered = (1..).zip(self.events.changes());
         let due = numbered.filter(|(_, change)| change.from_slot <= slot + 1);
+        let due = due.filter(|(number, _)| *number > known);
+        let due: Vec<_> = due.map(|(number, change)| (number, *change)).collect();
         let mut frames = Vec::new();
-        for (number, change) in due.filter(|(number, _)| *number > known) {
+        for (number, change) in due {
             if number > self.announced {
                 self.announced = number;
                 let DatedChange { from_slot, change } = change;
@@ -125,9 +139,9 @@ impl Ground {
                 }
                 self.announcements.push(words);
             }
-            let change = precision::change::<T>(change);
+            let change = precision::change::<T>(&change);
             let message = Message::Change(NumberedChange { number, change });
-            frames.extend(encode(&message));
+            frames.extend(self.encode(&message));
         }
         frames
     }
@@ -244,7 +258,7 @@ impl Ground {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use firmware_core::controller::ChannelState;
+    use firmware_core::{controller::ChannelState, link};
     use firmware_core::{
         controller::{Controller, SlotCommand},
         policy::StraightLine,
@@ -281,7 +295,7 @@ mod tests {
         let scenario = generate(Topology::Mixed, 2, 3, 5).expect("a scenario");
         let slots = scenario.mission.slots();
         let world = World::new(&scenario, &Events::default(), 1, 10);
-        let mut ground = Ground::new(world, Events::default(), Method::Exact);
+        let mut ground = Ground::new(world, Events::default(), Method::Exact, Endpoint::new());
         let (arrival, command) = slot_one(&scenario);
         let mut said = 0;
         let say =

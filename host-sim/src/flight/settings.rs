@@ -5,6 +5,7 @@ use environment::Allocation;
 use firmware_core::{
     Displacement, Position,
     autopilot::{AutopilotSettings, Geofence, failsafe::Watch, preflight::Preflight},
+    link::Credentials,
     time::Duration,
 };
 use scenario::{Events, Scenario};
@@ -41,6 +42,9 @@ pub struct FlightSettings {
     pub symbols_per_slot: u32,
     /// The changes of the mission in flight.
     pub events: Events,
+    /// The ground's credentials on the ground link; `None` leaves it open. The computer needs its own,
+    /// with the same key.
+    pub ground_link: Option<Credentials>,
 }
 
 /// The relation of the flight's time to real time.

@@ -3,7 +3,7 @@
 use firmware_core::{
     Mission, Position, PowerGain, SENSORS_MAX, USERS_MAX, Watt,
     controller::{ChannelState, SlotCommand},
-    link::{self, Decoder, FRAME_MAX, Message},
+    link::{Endpoint, FRAME_MAX, Message},
     mission::{Area, Environment, ExcessLoss, MEASUREMENT_M, MissionParameters},
     policy::{Action, Observation, Policy},
 };
@@ -114,12 +114,12 @@ pub(crate) struct Ground {
     mission: HostMission,
     links: Vec<Truth>,
     random: Pcg64Mcg,
-    decoder: Decoder,
+    end: Endpoint,
     pub(crate) heard: Vec<HostMessage>,
 }
 
 impl Ground {
-    pub(crate) fn new(mission: &HostMission, random: &Pcg64Mcg) -> Self {
+    pub(crate) fn new(mission: &HostMission, random: &Pcg64Mcg, end: Endpoint) -> Self {
         let p = mission.parameters();
         let link = |&ground: &Position<f64>| Truth {
             ground,
@@ -130,7 +130,7 @@ impl Ground {
             links: p.users.iter().chain(&p.sensors).map(link).collect(),
             random: random.clone(),
             mission: mission.clone(),
-            decoder: Decoder::new(),
+            end,
             heard: Vec::new(),
         }
     }
@@ -168,12 +168,15 @@ impl Ground {
     /// Receives bytes and answers arrivals.
     pub(crate) fn receive(&mut self, bytes: &[u8], over: &Position<f64>) -> Vec<u8> {
         let mut answer = Vec::new();
+        let mut buffer = [0; FRAME_MAX];
         for &byte in bytes {
-            if let Some(Ok(message)) = self.decoder.push(byte) {
+            let message = self.end.push(byte);
+            answer.extend_from_slice(self.end.take_handshake(&mut buffer).unwrap_or_default());
+            if let Some(Ok(message)) = message {
                 if let Message::Arrival(arrival) = &message {
                     let state = Message::ChannelState(self.truth(arrival.plan.slot, over));
-                    let mut buffer = [0; FRAME_MAX];
-                    answer.extend_from_slice(link::encode(&state, &mut buffer).expect("fits"));
+                    let frame = self.end.encode(&state, &mut buffer);
+                    answer.extend_from_slice(frame.expect("an arrival is of a session"));
                 }
                 self.heard.push(message);
             }

@@ -17,7 +17,7 @@ use firmware_core::{
     autopilot::{self, Autopilot, Phase, frames::Geodetic, wire::MAX_FRAME},
     controller::{ChannelSource, Controller, Plan},
     inner::{SlotLimits, Workspace},
-    link::{FRAME_MAX, Message, VehicleStatus},
+    link::{Credentials, Endpoint, FRAME_MAX, GroundKey, Message, SecurityCounters, VehicleStatus},
     mission::MEASUREMENT_M,
     onboard::{Onboard, OnboardSettings, Stage},
     time::{Duration, Instant},
@@ -32,6 +32,8 @@ use rand_pcg::Pcg64Mcg;
 use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const MISSIONS: u64 = 100;
+/// The missions on an authenticated link.
+const AUTHENTICATED: u64 = 10;
 const SCHEDULES: u32 = 100;
 const SLOTS_EACH: u32 = 6;
 const TICK: Duration = Duration::from_millis(10);
@@ -67,18 +69,23 @@ struct Campaign {
     /// delimiter.
     said: VecDeque<HostMessage>,
     /// The counters and the injected faults at the start of the section.
-    begun: (VehicleStatus, Injected),
+    begun: (VehicleStatus, SecurityCounters, Injected),
     seen: Seen,
 }
 
 impl Campaign {
-    fn new(seed: u64) -> Self {
+    /// Creates a campaign on a link that is authenticated with `key`, or open.
+    fn new(seed: u64, key: Option<&GroundKey>) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mission = mission(&mut random, SCHEDULES * SLOTS_EACH);
         let mut schedule = Schedule::default();
         for section in 0..SCHEDULES {
             let begin = section * SLOTS_EACH + 1;
-            let faults = Schedule::draw(&mut random, begin, begin + SLOTS_EACH - 1);
+            let draw = match key {
+                Some(_) => Schedule::draw_with_attacks,
+                None => Schedule::draw,
+            };
+            let faults = draw(&mut random, begin, begin + SLOTS_EACH - 1);
             schedule.episodes.extend(faults.episodes);
         }
         let p = mission.parameters();
@@ -89,19 +96,35 @@ impl Campaign {
             ..autopilot::AutopilotSettings::new(origin, p.start, p.altitude_m, p.max_speed_mps)
         });
         let client = client.unwrap_or_else(|error| panic!("{error}"));
+        let mut onboard = Onboard::new(SETTINGS, controller, client);
+        let credentials = |key: &GroundKey, end: u8| Credentials {
+            key: key.clone(),
+            start: [end; 12],
+        };
+        let vehicle = key.map(|key| credentials(key, 3));
+        if let Some(vehicle) = &vehicle {
+            onboard.authenticate_ground(vehicle.clone());
+        }
+        let ground = key.map_or_else(Endpoint::new, |key| Endpoint::ground(credentials(key, 4)));
         Self {
             now: Instant::ZERO,
-            onboard: Onboard::new(SETTINGS, controller, client),
+            onboard,
             vehicle: Vehicle::new(VehicleSettings::new(Profile::Ideal, origin, p.start)),
             place: p.start,
-            ground: Ground::new(&mission, &random),
-            faulty: FaultyLink::new(schedule.clone(), seed),
-            auditor: LinkAuditor::new(mission.clone()),
+            ground: Ground::new(&mission, &random, ground),
+            faulty: match key {
+                Some(key) => FaultyLink::authenticated(schedule.clone(), seed, key),
+                None => FaultyLink::new(schedule.clone(), seed),
+            },
+            auditor: match vehicle {
+                Some(vehicle) => LinkAuditor::authenticated(mission.clone(), vehicle),
+                None => LinkAuditor::new(mission.clone()),
+            },
             position: p.start,
             schedule,
             mission,
             said: VecDeque::new(),
-            begun: (VehicleStatus::default(), Injected::default()),
+            begun: Default::default(),
             seen: Seen::new(),
         }
     }
@@ -186,8 +209,11 @@ impl Campaign {
     fn carry(&mut self, frame: &[u8]) {
         let audited = self.auditor.from_vehicle(frame);
         let audited = audited.unwrap_or_else(|error| panic!("{error}: {frame:?}"));
-        let [message] = audited.as_slice() else {
-            panic!("not one message: {frame:?}");
+        let message = match audited.as_slice() {
+            [message] => message,
+            // A frame of the handshake.
+            [] if self.onboard.security().is_some() => return self.pass(frame),
+            other => panic!("not one message: {other:?} of {frame:?}"),
         };
         let message = match message {
             Audited::Arrival {
@@ -215,14 +241,23 @@ impl Campaign {
                 assert_eq!(*status, self.onboard.status());
                 Message::Status(*status)
             }
+            Audited::Security(counters) => {
+                assert_eq!(Some(counters), self.onboard.security());
+                Message::Security(*counters)
+            }
         };
+        // A frame that has lost its end is heard with the next one, some silent slots later.
+        self.said.truncate(100);
+        self.said.push_front(message);
+        self.pass(frame);
+    }
+
+    /// Damages a frame from the vehicle, answers it, and damages the answer.
+    fn pass(&mut self, frame: &[u8]) {
         let over = self.place;
         let heard = self.ground.heard.len();
         let down = self.faulty.down(frame);
         let answer = self.ground.receive(&down, &over);
-        // A frame that has lost its end is heard with the next one, some silent slots later.
-        self.said.truncate(100);
-        self.said.push_front(message);
         for heard in &self.ground.heard[heard..] {
             assert!(self.said.contains(heard), "never said: {heard:?}");
         }
@@ -340,7 +375,9 @@ impl Campaign {
     /// Faults that damage no bytes are counted exactly as often as they were injected.
     fn end_section(&mut self, slot: u32, context: &str) {
         let (status, injected) = (self.onboard.status(), *self.faulty.injected());
-        let (before, injected_before) = std::mem::replace(&mut self.begun, (status, injected));
+        let security = self.onboard.security().copied().unwrap_or_default();
+        let now = (status, security, injected);
+        let (before, security_before, injected_before) = std::mem::replace(&mut self.begun, now);
         let faults: Vec<Fault> = (slot - SLOTS_EACH + 1..=slot)
             .flat_map(|slot| self.schedule.faults(slot, Direction::Up))
             .collect();
@@ -364,6 +401,19 @@ impl Campaign {
             echoes,
             "{context}"
         );
+        let refused = [
+            security.forged - security_before.forged,
+            security.replayed - security_before.replayed,
+            security.reflected - security_before.reflected,
+            security.unauthenticated - security_before.unauthenticated,
+        ];
+        let attacks = [
+            injected.forged - injected_before.forged,
+            injected.replayed - injected_before.replayed,
+            injected.reflected - injected_before.reflected,
+            injected.downgraded - injected_before.downgraded,
+        ];
+        assert_eq!(refused, attacks, "{context}");
         // A state that is also for another slot is first counted as out of turn.
         let out_of_turn = |fault: &Fault| matches!(fault, Fault::Late | Fault::OtherSlot(_));
         if !faults.iter().any(out_of_turn) {
@@ -394,21 +444,34 @@ impl Campaign {
         ] {
             *self.seen.entry(what).or_default() += u64::from(count);
         }
+        if let Some(security) = self.onboard.security() {
+            // One session, and nothing ended it.
+            assert_eq!(security.sessions, 1);
+            for (what, count) in [
+                ("forged frames", security.forged),
+                ("replayed frames", security.replayed),
+                ("reflected frames", security.reflected),
+                ("frames without authentication", security.unauthenticated),
+            ] {
+                *self.seen.entry(what).or_default() += u64::from(count);
+            }
+        }
         status
     }
 }
 
-#[test]
-fn ten_thousand_schedules_break_nothing() {
+/// Flies the missions on all processors, and demands that everything that they are for was seen in
+/// them often: otherwise the campaign proves nothing.
+fn fly(missions: u64, key: Option<&GroundKey>) -> Seen {
     let threads = std::thread::available_parallelism().map_or(2, |n| n.get() as u64);
     let mut total = Seen::new();
     std::thread::scope(|scope| {
         let crews: Vec<_> = (0..threads)
             .map(|first| {
                 scope.spawn(move || {
-                    let missions = (first..MISSIONS).step_by(threads as usize);
+                    let missions = (first..missions).step_by(threads as usize);
                     missions
-                        .map(|seed| Campaign::new(seed).fly())
+                        .map(|seed| Campaign::new(seed, key).fly())
                         .collect::<Vec<_>>()
                 })
             })
@@ -422,11 +485,24 @@ fn ten_thousand_schedules_break_nothing() {
     for (what, count) in &total {
         println!("{count:7} {what}");
     }
-    let commands = MISSIONS * u64::from(SCHEDULES * SLOTS_EACH);
+    let commands = missions * u64::from(SCHEDULES * SLOTS_EACH);
     assert_eq!(total["commands"], commands);
-    // Each of these must have occurred often; otherwise the campaign proves nothing.
     for (what, count) in &total {
-        assert!(*count > 100, "{what}: only {count}");
+        assert!(*count > missions, "{what}: only {count}");
     }
-    assert!(total.len() >= 17, "{total:?}");
+    total
+}
+
+#[test]
+fn ten_thousand_schedules_break_nothing() {
+    let seen = fly(MISSIONS, None);
+    assert!(seen.len() >= 17, "{seen:?}");
+}
+
+/// The same with a key, and with somebody on the radio who does not have it: besides the rules above,
+/// every frame of theirs is refused and counted as what it is, and the session goes on.
+#[test]
+fn a_thousand_schedules_with_attackers_break_nothing() {
+    let seen = fly(AUTHENTICATED, Some(&GroundKey::new([42; 32])));
+    assert!(seen.len() >= 21, "{seen:?}");
 }

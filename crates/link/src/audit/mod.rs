@@ -15,6 +15,7 @@
 //! | other commands | say that they are from an aged state |
 //! | changes | be taken in turn, and have their effect in their slot |
 //! | counters | be those that follow from these bytes: each piece, message, state and slot is counted once |
+//! | frames on an authenticated link | be of the session that the vehicle has taken, with the next counter |
 //!
 //! The auditor is generic over precision and capacities. It does not know the true channels, and it
 //! does not see MAVLink or the policy: the counters of MAVLink and the quality of the plan are not
@@ -28,7 +29,10 @@ mod violation;
 use firmware_core::{
     Mission, SENSORS_MAX, Scalar, USERS_MAX,
     controller::{CHANGES_MAX, ChannelSource, ChannelState, DatedChange, Plan, SlotCommand},
-    link::{Arrival, Decoder, LinkCounters, Message, NumberedChange, VehicleStatus},
+    link::{
+        Arrival, Credentials, Decoder, Endpoint, LinkCounters, Message, NumberedChange,
+        SecurityCounters, VehicleStatus,
+    },
     mission::MissionChange,
 };
 
@@ -59,6 +63,8 @@ pub enum Audited<T: Scalar, const M: usize = USERS_MAX, const J: usize = SENSORS
     },
     /// The counters of the vehicle.
     Status(VehicleStatus),
+    /// The counters of the vehicle's authentication.
+    Security(SecurityCounters),
 }
 
 /// A slot whose command is awaited.
@@ -77,8 +83,8 @@ pub struct LinkAuditor<T: Scalar, const M: usize = USERS_MAX, const J: usize = S
     mission: Mission<T, M, J>,
     /// The changes of the mission that are not in effect yet.
     pending: Vec<DatedChange<T>>,
-    /// A decoder like the vehicle's.
-    vehicle: Decoder,
+    /// An end like the vehicle's.
+    vehicle: Endpoint,
     /// The number of pieces between delimiters that were sent to the vehicle, and whether the last
     /// one is not delimited yet.
     pieces: u32,
@@ -96,13 +102,26 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
         Self {
             mission,
             pending: Vec::new(),
-            vehicle: Decoder::new(),
+            vehicle: Endpoint::new(),
             pieces: 0,
             is_within_piece: false,
             ground: Decoder::new(),
             awaited: None,
             expected: VehicleStatus::default(),
         }
+    }
+
+    /// Creates an auditor of a vehicle with these credentials.
+    pub fn authenticated(mission: Mission<T, M, J>, credentials: Credentials) -> Self {
+        Self {
+            vehicle: Endpoint::vehicle(credentials),
+            ..Self::new(mission)
+        }
+    }
+
+    /// Returns the counters of authentication that the vehicle should have.
+    pub fn security(&self) -> Option<&SecurityCounters> {
+        self.vehicle.security()
     }
 
     /// Returns the counters that the vehicle should have; those of MAVLink are 0.
@@ -197,13 +216,24 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
     pub fn from_vehicle(&mut self, bytes: &[u8]) -> Result<Vec<Audited<T, M, J>>, Violation<T>> {
         let mut messages = Vec::new();
         for &byte in bytes {
-            if let Some(message) = self.ground.push::<T, M, J>(byte) {
+            let message = self.vehicle.observe::<T, M, J>(&mut self.ground, byte);
+            if let Some(message) = message {
                 messages.push(match message.map_err(Violation::Frame)? {
                     Message::Arrival(arrival) => self.audit_arrival(arrival)?,
                     Message::Command(command) => self.audit_command(command)?,
                     Message::Status(status) => {
                         self.check_status(&status)?;
                         Audited::Status(status)
+                    }
+                    Message::Security(counters) => {
+                        let expected = self.security();
+                        if expected != Some(&counters) {
+                            return Err(Violation::Security {
+                                counters,
+                                expected: expected.copied(),
+                            });
+                        }
+                        Audited::Security(counters)
                     }
                     Message::ChannelState(state) => {
                         return Err(Violation::ChannelState { slot: state.slot });
@@ -331,7 +361,10 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
     /// Returns an error if a counter has another value, or if a piece was not counted.
     pub fn check_link_counters(&self, counters: &LinkCounters) -> Result<(), Violation<T>> {
         let expected = self.vehicle.counters();
-        let counted = counters.messages + counters.dropped();
+        let authentication = self
+            .security()
+            .map_or(0, |security| security.refused() + security.handshakes);
+        let counted = counters.messages + counters.dropped() + authentication;
         let pieces = self.pieces - u32::from(self.is_within_piece);
         if counters == expected && counted == pieces {
             return Ok(());

@@ -3,7 +3,7 @@
 use firmware_core::{
     Scalar,
     controller::{ChannelSource, CommandError},
-    link::{FrameError, LinkCounters, VehicleStatus},
+    link::{FrameError, LinkCounters, SecurityCounters, VehicleStatus},
 };
 
 /// Error returned when the vehicle breaks a rule of the ground link.
@@ -116,6 +116,14 @@ pub enum Violation<T: Scalar> {
         expected: LinkCounters,
         /// The number of pieces between delimiters.
         pieces: u32,
+    },
+    /// The counters of the vehicle's authentication are wrong.
+    #[error("the vehicle's authentication counts {counters:?}, but the link was sent {expected:?}")]
+    Security {
+        /// The counters.
+        counters: SecurityCounters,
+        /// The counters that follow from the bytes; `None` if the link is not authenticated.
+        expected: Option<SecurityCounters>,
     },
     /// Other counters of the vehicle are wrong.
     #[error("the vehicle counts {:?}, but the link was sent {:?}", .0.0, .0.1)]

@@ -10,7 +10,7 @@ use std::{
 use firmware_core::{
     console::{self, BoardMission, Footprint, MissionOrder},
     controller::SlotCommand,
-    link::VehicleStatus,
+    link::{SecurityCounters, VehicleStatus},
     time::Instant,
 };
 use rand::SeedableRng;
@@ -47,13 +47,20 @@ pub struct Campaign {
     auditor: LinkAuditor<f32>,
     /// The counters and the injected faults at the start of the schedule.
     begun: (VehicleStatus, Injected),
+    /// The counters of the vehicle's authentication at the start of the schedule, and the attacks in
+    /// it: forged, replayed, reflected, without authentication.
+    security: SecurityCounters,
+    attacks: [u32; 4],
+    /// The faults of the schedule determine what the vehicle counts.
+    is_decided: bool,
     tally: Tally,
     /// The notices of the image that were not taken yet.
     notices: VecDeque<Notice>,
 }
 
 impl Campaign {
-    /// Creates a campaign of this number of schedules, one after the other from slot 1.
+    /// Creates a campaign of this number of schedules, one after the other from slot 1. If the order
+    /// has a key of the ground link, there are attackers on it as well.
     ///
     /// # Errors
     /// Returns the reason if the mission of the order is invalid, in words.
@@ -70,7 +77,11 @@ impl Campaign {
         let mut tally = Tally::new();
         for section in 0..schedules {
             let begin = section * SLOTS_EACH + 1;
-            let drawn = Schedule::draw(&mut random, begin, begin + SLOTS_EACH - 1);
+            let draw = match order.ground_link {
+                Some(_) => Schedule::draw_with_attacks,
+                None => Schedule::draw,
+            };
+            let drawn = draw(&mut random, begin, begin + SLOTS_EACH - 1);
             for episode in &drawn.episodes {
                 *tally.entry(kind(&episode.fault)).or_default() += 1;
             }
@@ -81,10 +92,19 @@ impl Campaign {
             image,
             twin,
             slots: mission.slots(),
-            link: FaultyLink::new(schedule.clone(), seed),
+            link: match &order.ground_link {
+                Some(vehicle) => FaultyLink::authenticated(schedule.clone(), seed, &vehicle.key),
+                None => FaultyLink::new(schedule.clone(), seed),
+            },
             schedule,
-            auditor: LinkAuditor::new(mission),
+            auditor: match &order.ground_link {
+                Some(vehicle) => LinkAuditor::authenticated(mission, vehicle.clone()),
+                None => LinkAuditor::new(mission),
+            },
             begun: Default::default(),
+            security: SecurityCounters::default(),
+            attacks: [0; 4],
+            is_decided: false,
             tally,
             notices: VecDeque::new(),
         })
@@ -146,6 +166,7 @@ impl Campaign {
                     ..
                 } => self.commanded(&command, state.is_some(), was_repeated)?,
                 Audited::Status(status) => self.counted(&status)?,
+                Audited::Security(counters) => self.refused(counters)?,
                 Audited::Arrival { .. } => {}
             }
         }
@@ -178,6 +199,38 @@ impl Campaign {
         Ok(())
     }
 
+    /// Compares the counters of authentication with the attacks, after the status that ends a
+    /// schedule.
+    fn refused(&mut self, counters: SecurityCounters) -> io::Result<()> {
+        let done = self.auditor.expected().slots_done;
+        if done == 0 || !done.is_multiple_of(SLOTS_EACH) {
+            return Ok(());
+        }
+        let before = std::mem::replace(&mut self.security, counters);
+        let counted = [
+            counters.forged - before.forged,
+            counters.replayed - before.replayed,
+            counters.reflected - before.reflected,
+            counters.unauthenticated - before.unauthenticated,
+        ];
+        demand(!self.is_decided || counted == self.attacks, || {
+            format!("{counted:?} refused of {:?} attacks", self.attacks)
+        })?;
+        demand(counters.sessions == 1, || {
+            format!("{} sessions", counters.sessions)
+        })?;
+        let kinds = [
+            "refused: forged",
+            "refused: replayed",
+            "refused: reflected",
+            "refused: without authentication",
+        ];
+        for (what, times) in kinds.into_iter().zip(counted) {
+            self.count(what, times);
+        }
+        Ok(())
+    }
+
     /// Compares the vehicle's counters with the injected faults in the clean slot that ends a
     /// schedule.
     fn counted(&mut self, status: &VehicleStatus) -> io::Result<()> {
@@ -187,12 +240,19 @@ impl Campaign {
         let (link, slots) = (&status.link, &status.slots);
         let injected = *self.link.injected();
         let (before, injected_before) = std::mem::replace(&mut self.begun, (*status, injected));
+        self.attacks = [
+            injected.forged - injected_before.forged,
+            injected.replayed - injected_before.replayed,
+            injected.reflected - injected_before.reflected,
+            injected.downgraded - injected_before.downgraded,
+        ];
         let faults: Vec<Fault> = (status.slots_done + 1 - SLOTS_EACH..=status.slots_done)
             .flat_map(|slot| self.schedule.faults(slot, Direction::Up))
             .collect();
         let undecided =
             |fault: &Fault| fault.is_damage() || matches!(fault, Fault::Silence | Fault::Flood(_));
-        if !faults.iter().any(undecided) {
+        self.is_decided = !faults.iter().any(undecided);
+        if self.is_decided {
             let counted = (
                 link.version - before.link.version,
                 link.dropped() - before.link.dropped(),
@@ -323,6 +383,10 @@ fn kind(fault: &Fault) -> &'static str {
         Fault::NoGain(_) => "injected: NaN, infinite, negative gains, gains above 1",
         Fault::SensorsVanish(_) => "injected: sensors vanish",
         Fault::UsersVanish(_) => "injected: users vanish",
+        Fault::Forged => "injected: forged frames",
+        Fault::Replayed => "injected: replayed frames",
+        Fault::Reflected => "injected: reflected frames",
+        Fault::Downgraded => "injected: frames without authentication",
     }
 }
 

@@ -79,6 +79,9 @@ impl<P: Policy<f64, USERS_MAX>> InProcess<P> {
             let signer = Signer::new(key.clone(), SIGNING_LINK, unix_us);
             onboard.sign_with(signer, Verifier::new(key, unix_us));
         }
+        if let Some(credentials) = client.ground_link {
+            onboard.authenticate_ground(credentials);
+        }
         onboard.autopilot_mut().launch(Instant::ZERO);
         let given = (!client.profile_from_heartbeat).then_some(settings.profile);
         Ok(Self {

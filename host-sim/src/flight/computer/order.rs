@@ -10,7 +10,7 @@ use vehicle::Profile;
 
 use crate::flight::settings::autopilot_settings;
 
-/// Returns the order of a mission for a board.
+/// Returns the order of a mission for a board, with an open ground link.
 pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> MissionOrder {
     let flight = autopilot_settings(scenario, profile);
     let number = |x: f64| x as f32;
@@ -30,5 +30,6 @@ pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> 
         ground_patience: flight.watch.ground,
         policy_kind,
         clock: Clock::Console,
+        ground_link: None,
     }
 }

@@ -1,0 +1,37 @@
+//! An ONNX policy of anybody. One that is read gives one displacement and a score per user for an
+//! observation, and is read again as it was after it was written.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use trainer::onnx;
+
+fuzz_target!(|data: &[u8]| {
+    let Ok(actor) = onnx::read::parse(data) else {
+        return;
+    };
+    let users = actor.provenance.users as usize;
+    let observation = vec![0.0; actor.normalizer.offset.len()];
+    let outputs = actor.evaluate(&observation);
+    assert_eq!(outputs.len(), 2 + users);
+    let parameters = actor
+        .layers
+        .iter()
+        .flat_map(|layer| layer.weights.iter().chain(&layer.bias));
+    let normalizer = actor
+        .normalizer
+        .offset
+        .iter()
+        .chain(&actor.normalizer.scale);
+    // Beyond these, what is written may overflow.
+    let moderate = |x: &f32| x.abs() < 1e6 && (*x == 0.0 || x.abs() > 1e-6);
+    if parameters
+        .chain(normalizer)
+        .chain([&actor.reach_m])
+        .all(moderate)
+    {
+        let again = onnx::read::parse(&onnx::write(&actor));
+        let again = again.unwrap_or_else(|error| panic!("{error:#}"));
+        assert_eq!(again.layers, actor.layers);
+        assert_eq!(again.provenance, actor.provenance);
+    }
+});
