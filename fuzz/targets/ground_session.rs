@@ -36,7 +36,7 @@ fuzz_target!(|data: &[u8]| {
         2 => {
             let key = tag(
                 &KEY,
-                &[b"aircomp ground link 1", &[2], &nonce(1, 0), &nonce(2, 0)].concat(),
+                &[&b"aircomp ground link 1"[..], &[2], &nonce(1, 0), &nonce(2, 0)].concat(),
             );
             let mut plain = vec![SECURE_VERSION, 2];
             plain.extend(nonce(2, 0));

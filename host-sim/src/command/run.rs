@@ -132,6 +132,7 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     if arguments.board.is_selected() {
         return fly_board(arguments, &scenario);
     }
+    let GroundLink { vehicle, ground } = GroundLink::of(arguments.ground_key.as_deref())?;
     let (policy, policy_name) = load_policy(&arguments.policy, &scenario)?;
     if arguments.policy == PolicyChoice::Shipped && policy.provenance().is_none() {
         eprintln!(
@@ -140,7 +141,6 @@ pub(crate) fn execute(arguments: &RunArguments) -> Result<(), Failure> {
     }
     let policy_warning = policy.foreign_mission(&scenario);
     warn_of_policy(&policy_name, policy_warning.as_deref());
-    let GroundLink { vehicle, ground } = GroundLink::of(arguments.ground_key.as_deref())?;
     let (mut prepared, mut client) = prepare(arguments, &scenario, policy_name)?;
     prepared.settings.ground_link = ground;
     if let Some(credentials) = vehicle {
