@@ -30,6 +30,7 @@ pub(crate) fn write(to: &Path) -> Result<()> {
         ground_patience: None,
         policy_kind: PolicyKind::Plan,
         clock: Clock::Console,
+        mavlink_key: None,
     };
     let mut frame = [0; CONSOLE_FRAME_MAX];
     let frame = encode_call(&Call::Order(order), &mut frame)?;

@@ -186,6 +186,10 @@ impl MissionOrder {
             planning_operations: PLANNER_OPERATIONS_PER_POLL,
             ..OnboardSettings::default()
         };
-        Ok(Onboard::new(settings, controller, autopilot))
+        let mut computer = Onboard::new(settings, controller, autopilot);
+        if let Some(ordered) = &self.mavlink_key {
+            computer.sign_with(ordered.clone().into());
+        }
+        Ok(computer)
     }
 }

@@ -22,6 +22,7 @@
 //! a bench is therefore the same, byte for byte, each time.
 
 mod board;
+mod mavlink_key;
 mod order;
 mod protocol;
 
@@ -29,6 +30,7 @@ pub use board::{
     BoardComputer, BoardMission, BoardPlanner, BoardPolicy, PLANNER_CAPACITY,
     PLANNER_OPERATIONS_PER_POLL, PlannerBytes, PlannerNumbers, board_planner, ready,
 };
+pub use mavlink_key::MavlinkKey;
 pub use order::{Clock, MissionOrder, OrderError, PolicyKind, in_single_precision, slot_patience};
 pub use protocol::{
     BoardReport, CONSOLE_FRAME_MAX, CONSOLE_VERSION, Call, Calls, Cost, Footprint,

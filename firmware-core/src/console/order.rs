@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::mavlink_key::MavlinkKey;
 use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{Geofence, SettingsError, frames::Geodetic},
@@ -50,6 +51,8 @@ pub struct MissionOrder {
     pub policy_kind: PolicyKind,
     /// The clock to use.
     pub clock: Clock,
+    /// The key of MAVLink signing. Without one the board neither signs nor requires signatures.
+    pub mavlink_key: Option<MavlinkKey>,
 }
 
 /// Error returned when an order cannot be flown.
@@ -166,6 +169,7 @@ pub(super) mod tests {
             ground_patience: Some(Duration::from_secs(1_000_000)),
             policy_kind: PolicyKind::StraightLine,
             clock: Clock::Console,
+            mavlink_key: None,
         }
     }
 

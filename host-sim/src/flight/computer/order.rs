@@ -30,5 +30,6 @@ pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> 
         ground_patience: flight.watch.ground,
         policy_kind,
         clock: Clock::Console,
+        mavlink_key: None,
     }
 }
