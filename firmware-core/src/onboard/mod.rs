@@ -30,3 +30,6 @@ mod stage;
 pub use computer::{Onboard, OnboardSettings};
 pub use probe::{Activity, Probe};
 pub use stage::{Fault, Stage};
+
+#[cfg(test)]
+mod tests;

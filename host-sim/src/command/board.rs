@@ -5,7 +5,10 @@ use std::{path::Path, str::FromStr, sync::Arc};
 
 use clap::{Args, ValueEnum};
 use files::input;
-use firmware_core::console::{Footprint, PolicyKind};
+use firmware_core::{
+    autopilot::wire::signing::LinkSigning,
+    console::{Footprint, MavlinkKey, MissionOrder, PolicyKind},
+};
 use host_sim::{
     flight::computer::{Image, Twin, order},
     policy::PolicyChoice,
@@ -79,8 +82,12 @@ impl BoardChoice {
         &self,
         scenario: &Scenario,
         (policy, profile): (&PolicyChoice, Profile),
+        signing: Option<&LinkSigning>,
     ) -> Result<OpenBoard, Failure> {
-        let ordered = |policy_kind| order(scenario, profile, policy_kind);
+        let ordered = |policy_kind| MissionOrder {
+            mavlink_key: signing.cloned().map(MavlinkKey::from),
+            ..order(scenario, profile, policy_kind)
+        };
         match (&self.controller, policy) {
             (
                 ControllerChoice::Tcp(to),
@@ -123,10 +130,7 @@ fn is_policy(path: &Path) -> bool {
     path.extension().is_some_and(|kind| kind == "policy")
 }
 
-fn twin(
-    order: &firmware_core::console::MissionOrder,
-    policy: Option<Arc<[u8]>>,
-) -> Result<OpenBoard, Failure> {
+fn twin(order: &MissionOrder, policy: Option<Arc<[u8]>>) -> Result<OpenBoard, Failure> {
     let twin = Twin::new(order, policy).map_err(Failure::bad_input)?;
     Ok(OpenBoard::Twin(Box::new(twin)))
 }
