@@ -243,6 +243,15 @@ fn the_same_key_keeps_the_replay_state_and_another_does_not() {
     let sent = next(&mut device.encoder);
     assert!(time_of(&sent) > time_of(&frame));
     assert_eq!(sent[sent.len() - SIGNATURE], 2, "link id");
+    // Also an encoder whose decoder requires no signatures.
+    let time = time_of(&sent);
+    let mut encoder = device.encoder.clone();
+    encoder.sign_with(Signer::new(
+        SigningKey::new([1; 32]),
+        2,
+        SigningTime::UNKNOWN,
+    ));
+    assert!(time_of(&next(&mut encoder)) > time);
     let other = signing(2, 1, SigningState::default());
     start(&mut device.decoder, &mut device.encoder, other);
     assert_eq!(device.state(), SigningState::default());
