@@ -11,6 +11,7 @@ pub(crate) fn count(counter: &mut u32) {
 /// Counters of what a decoder of MAVLink has received. Each counter stays at its largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct MavlinkCounters {
     /// Frames with a correct checksum.
     pub frames: u32,

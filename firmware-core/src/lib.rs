@@ -97,6 +97,11 @@ mod test_missions;
 pub mod time;
 pub mod units;
 
+// The examples of the README are tested.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}
+
 // Crates whose types appear in this crate's interface.
 pub use heapless;
 #[cfg(feature = "autopilot")]

@@ -17,6 +17,7 @@ use super::profile::{Firmware, Mode};
 
 /// An event of the client.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Event {
     /// The first heartbeat of the autopilot that is flown from now on was received.
     Connected {

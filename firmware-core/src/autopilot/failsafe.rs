@@ -14,6 +14,7 @@ use crate::time::Duration;
 /// A failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Cause {
     /// No heartbeat of the autopilot was received.
     HeartbeatLost,

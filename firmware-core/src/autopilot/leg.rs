@@ -30,6 +30,7 @@ pub struct LegEnd<T: Scalar> {
 /// Error returned when a leg cannot be flown.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum LegError {
     /// The vehicle is not ready for legs.
     #[error("no leg can start while {0}")]

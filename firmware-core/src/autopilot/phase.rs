@@ -85,6 +85,7 @@ impl fmt::Display for Phase {
 /// A condition that the checks wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Obstacle {
     /// No position sample yet.
     NoPosition,

@@ -81,6 +81,7 @@ impl<T: Scalar> Preflight<T> {
 
 /// The reason why a mission is not started. It does not go away by waiting.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum PreflightRefusal {
     /// The vehicle stands too far away.
     TooFar {

@@ -133,6 +133,7 @@ pub struct AutopilotSettings<T: Scalar> {
 
 /// Error returned for an invalid setting.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
 pub enum SettingsError {
     /// A number is not finite, or not above zero.
     #[error("{name} is {value}; it must be a number above 0")]

@@ -57,6 +57,7 @@ pub struct MissionOrder {
 
 /// Error returned when an order cannot be flown.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum OrderError {
     /// The mission is invalid.
     #[error(transparent)]

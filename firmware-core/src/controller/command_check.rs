@@ -7,6 +7,7 @@ use crate::{mission::Mission, scalar::Scalar};
 
 /// Error returned when a slot command breaks a rule of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CommandError<T: fmt::Display> {
     /// The slot is not one of the mission.
     #[error("slot {slot}, but the mission has slots 1 to {slots}")]

@@ -14,6 +14,7 @@ pub struct FrameTooLong {
 /// Error returned when the bytes between two delimiters are not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum FrameError {
     /// Longer than any frame.
     #[error("longer than any frame")]

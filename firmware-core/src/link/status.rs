@@ -18,6 +18,7 @@ use crate::{counter::MavlinkCounters, policy::PlanQuality};
 /// Counters of what a decoder of the ground link has received, one per outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct LinkCounters {
     /// Good frames.
     pub messages: u32,
@@ -51,6 +52,7 @@ impl LinkCounters {
 /// Counters of slots and of what the ground sent for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct SlotCounters {
     /// Slots allocated from the channel state of that slot.
     pub measured: u32,

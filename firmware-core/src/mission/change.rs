@@ -83,6 +83,7 @@ impl<T: Scalar> fmt::Display for MissionChange<T> {
 /// Error returned when a change is refused. The mission is then as before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum ChangeError<T: fmt::Display> {
     /// The changed mission is invalid.
     Invalid(MissionError<T>),

@@ -23,6 +23,7 @@ pub enum Stage {
 
 /// Error that made the onboard computer, and not the autopilot client, abort a mission.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Fault {
     /// The controller returned an error.
     #[error("controller: {0}")]

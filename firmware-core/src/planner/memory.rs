@@ -4,6 +4,7 @@ use crate::{mission::Mission, scalar::Scalar};
 
 /// Error returned when a planner cannot be created for a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlannerError {
     /// The mission exceeds the capacity.
     #[error("the mission has {got} {what}, but the planner holds at most {capacity}")]

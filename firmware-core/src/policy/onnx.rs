@@ -32,6 +32,7 @@ pub const FORMAT_VERSION: u32 = 1;
 
 /// Error returned when a file is not a valid policy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum OnnxError {
     /// tract cannot read or run the network.
     #[error("not a network that can be run: {reason}")]

@@ -4,6 +4,7 @@ use core::fmt;
 
 /// A parameter that limits the mission, or that the operator should know of before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Finding {
     /// A parameter that limits the mission.
     Clips {

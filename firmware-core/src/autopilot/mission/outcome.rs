@@ -5,6 +5,7 @@ use thiserror::Error;
 
 /// Error returned when an upload has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
 pub enum UploadError {
     /// The autopilot stopped answering.
     #[error("no answer from the autopilot")]

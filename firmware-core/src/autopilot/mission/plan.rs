@@ -36,6 +36,7 @@ pub struct MissionPlan<'a, T: Scalar> {
 
 /// Error returned when a plan cannot be uploaded.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
 pub enum PlanError {
     /// The plan has no waypoints.
     #[error("the mission has no waypoints")]

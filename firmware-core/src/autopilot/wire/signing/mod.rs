@@ -15,7 +15,8 @@
 //!   again. The specification asks for at least once a minute. Frames that were accepted after the
 //!   last save can be replayed once after a restart.
 //!
-//! A link that signs has a [`Verifier`] in its [`Decoder`] and a [`Signer`] in its [`Encoder`].
+//! A link that signs has a [`Verifier`] in its [`Decoder`](super::Decoder) and a [`Signer`] in its
+//! [`Encoder`](super::Encoder).
 //! [`start`] sets both up from a [`LinkSigning`]; [`synchronize`] gives both the same time, after
 //! each received frame.
 //!
@@ -44,9 +45,6 @@ pub use time::{SigningTime, TimeError};
 pub use verifier::Verifier;
 
 pub(super) use verifier::Verdict;
-
-#[cfg(doc)]
-use super::{Decoder, Encoder};
 
 #[cfg(test)]
 mod tests;
