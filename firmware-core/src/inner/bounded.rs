@@ -20,7 +20,7 @@
 //! A sensor whose lower bound is 0 stays silent: in the worst case its whole symbol is missing,
 //! whatever its coefficient.
 //!
-//! Worst case: one exact slot, and [`BISECTIONS`] sums over the sensors.
+//! Worst case: one exact slot, and `BISECTIONS` sums over the sensors.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

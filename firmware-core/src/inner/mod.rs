@@ -28,7 +28,7 @@
 //!     mse_threshold: 0.015,
 //! };
 //! let mut workspace = Workspace::<f64, 8>::default();
-//! let near = [PowerGain(4e-11), PowerGain(3e-11), PowerGain(5e-11)];
+//! let near = [PowerGain(4e-10), PowerGain(3e-10), PowerGain(5e-10)];
 //! let field = workspace.sensors(&limits, &near)?;
 //! let slot = field.solve(Some(PowerGain(2e-12)))?;
 //! assert!(slot.status.is_feasible() && slot.user_power.0 <= 0.2);
