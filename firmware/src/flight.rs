@@ -117,7 +117,7 @@ fn commission<B: Board>(
         Clock::Board => board.now(),
         Clock::Console => Instant::ZERO,
     };
-    computer.launch(now);
+    order.launch(computer, now);
     Ok(())
 }
 

@@ -42,7 +42,7 @@ impl Twin {
         };
         let computer = order.build(trained.as_ref(), planner);
         let mut computer = computer.map_err(|refusal| refusal.to_string())?;
-        computer.launch(Instant::ZERO);
+        order.launch(&mut computer, Instant::ZERO);
         Ok(Self {
             computer: Box::new(computer),
             stop_asked: false,
