@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! A minimal main loop on an operating system: the onboard computer between an autopilot and the
 //! ground, each at a UDP port.
 //!

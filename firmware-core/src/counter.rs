@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Counters that saturate.
 
 use serde::{Deserialize, Serialize};

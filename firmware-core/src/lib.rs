@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard controller of a UAV that serves ground users' uplinks and, on the same frequency
 //! and in the same slots, computes the average of what ground sensors measure over the air.
 //!

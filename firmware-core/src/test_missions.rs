@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Missions for tests with the values of Table I. The tests in `tests/` include this file, too.
 
 #![allow(dead_code)] // each test uses a part of it

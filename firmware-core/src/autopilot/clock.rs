@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The relation between the vehicle's clock and ours.
 //!
 //! Every position carries the vehicle's own time since boot. Legs are scheduled in that time,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Events of the client, in the order in which they occurred.
 //!
 //! Events are data with a `Display` that describes them. The queue is bounded: when it is full the

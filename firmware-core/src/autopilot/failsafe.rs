@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Failures in flight, how they are detected, and the reactions to them.
 //!
 //! The single table [`TABLE`] defines them; `docs/failsafes.md` prints it, and a test keeps the two

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The flight of one slot and its end.
 
 use thiserror::Error;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The MAVLink client: flies the waypoints of the controller with a real autopilot.
 //!
 //! The client is a state machine without I/O. The caller passes received messages

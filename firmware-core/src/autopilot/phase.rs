@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The phases of a flight, and the conditions that the checks wait for.
 
 use core::fmt;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The settings of the client. A client that exists has valid settings.
 
 use nalgebra::Vector2;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard computer that a board creates from an order.
 
 use heapless::String;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The part of an order that makes a board sign its MAVLink frames.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The console: a board's third serial line, which carries the orders for a flight.
 //!
 //! A board's image contains no mission. Before a flight the board receives a [`MissionOrder`] with

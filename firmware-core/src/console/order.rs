@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The order for a flight, and the reasons to refuse it.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The messages between a board and its console, and their frames.
 
 use heapless::String;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The rules that every slot command of a mission keeps.
 
 use core::fmt;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The reasons for which the controller refuses a call.
 
 /// Error returned when the controller cannot carry out a call in its present state.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The slot problem with gains that are known within bounds only: a solution that is guaranteed for
 //! all gains within the bounds (`docs/mathematics.md`, section 9).
 //!

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Errors for input that is not a slot problem.
 
 use core::{error::Error, fmt};

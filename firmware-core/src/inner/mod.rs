@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The slot problem (eq:p1): the powers, coefficients and normalizing factor that give the
 //! served user the highest rate while the average stays accurate.
 //!

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The errors of the ground link.
 
 use super::message::PROTOCOL_VERSION;

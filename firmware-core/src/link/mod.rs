@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The ground link: channel state in, slot commands out, over any stream of bytes.
 //!
 //! A frame is `0x00 COBS( version | postcard(message) | CRC-32 ) 0x00`:

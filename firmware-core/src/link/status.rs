@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The vehicle's report about itself, sent once a slot: counters of everything that was received,
 //! dropped or missing.
 //!

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Changes of what is known of a mission while it is flown.
 
 use core::{error::Error, fmt};

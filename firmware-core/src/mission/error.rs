@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The errors of a mission, which name the parameter and its value.
 
 use core::{error::Error, fmt};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The unchecked parameters of a mission.
 
 use heapless::Vec;

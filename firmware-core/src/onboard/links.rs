@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The bytes of the two links: from bytes to messages, and from messages to bytes.
 
 use super::computer::Onboard;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The whole onboard computer: controller, MAVLink client and ground link in one slot cycle.
 //!
 //! The module has no I/O and no clock: bytes and time come in as arguments, bytes go out on

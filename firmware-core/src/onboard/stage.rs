@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The stages of a mission, and the reasons to abort it.
 
 use serde::{Deserialize, Serialize};

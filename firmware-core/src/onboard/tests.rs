@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Signatures of an onboard computer without a clock.
 
 use mavlink::dialects::common::{

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The planner's memory, which the caller provides.
 
 use crate::{mission::Mission, scalar::Scalar};

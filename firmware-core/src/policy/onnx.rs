@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Trained policies as ONNX files, run by tract (feature `onnx`, needs std).
 //!
 //! The contract (`docs/training.md`): input `observation` f32\[1, M + 4\] in raw units, outputs

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The safety shield: enforces the mission's hard constraints on every action of a policy
 //! (`docs/mathematics.md`, section 4).
 //!

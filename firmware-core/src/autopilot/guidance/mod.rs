@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Where the vehicle should be *now*: trajectories between waypoints.
 //!
 //! Autopilots treat a bare position as a place to stop at; flown at the mission's speed the vehicle

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The outcome of an upload, and the mission that is on the autopilot after it.
 
 use mavlink::dialects::common::MavMissionResult;

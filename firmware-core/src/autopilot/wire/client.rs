@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The messages between the client and an autopilot. A program that sends and takes only these
 //! does not contain the code for the rest of the dialect.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Bytes to frames.
 
 use mavlink::calculate_crc;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Messages to frames.
 
 use mavlink::dialects::common::{EstimatorStatusFlags, MavMessage, MavSeverity, STATUSTEXT_DATA};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! A checked frame and the address of its sender.
 
 use mavlink::dialects::common::{

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Decoding of frames among noise, truncated and damaged frames, and other dialects.
 
 use std::{vec, vec::Vec};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The format of a policy file.
 
 use crc::{CRC_32_ISO_HDLC, Crc};

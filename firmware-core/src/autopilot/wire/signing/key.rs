@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The key, and what is computed with it.
 
 use core::fmt;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! MAVLink 2 message signing: only a sender that knows the key is accepted.
 //!
 //! A signed frame ends with a link id, a time and the first 48 bits of SHA-256 over the key, the

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! One link: the decoder and the encoder share key and time.
 
 use super::super::{decoder::Decoder, encoder::Encoder};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! What has to survive a restart.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Which frames are accepted, by devices with and without a clock, before and after a restart.
 
 use std::{vec, vec::Vec};

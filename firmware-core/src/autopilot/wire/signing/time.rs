@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The time in a signature.
 
 use serde::{Deserialize, Serialize};
