@@ -4,13 +4,15 @@ around a point mass, on pymavlink's messages.
 Usage: pymavlink_autopilot.py HOST_SIM_BINARY
 
 The default mission is flown at five times real time, with parameters set and put back, and a
-ground station beside; then once more, and the pilot takes over in the middle.
+ground station beside; then once more with signatures, where neither end has a clock and the
+autopilot gets the date, as from GPS; then once more, and the pilot takes over in the middle.
 """
 
 import json
 import math
 import os
 import pathlib
+import socket
 import subprocess
 import sys
 import tempfile
@@ -43,7 +45,10 @@ class Autopilot(threading.Thread):
             f"udpin:127.0.0.1:{self.port}", source_system=1, source_component=1,
             dialect="ardupilotmega")
         if key:
-            self.link.setup_signing(key, sign_outgoing=True)
+            # As one without a real-time clock that has just booted.
+            self.link.setup_signing(key, sign_outgoing=True, initial_timestamp=1)
+            self.sent, write = [], self.link.write
+            self.link.write = lambda data: (self.sent.append(bytes(data)), write(data))
         self.parameters = {"WPNAV_SPEED": 1000.0, "WPNAV_ACCEL": 250.0, "ANGLE_MAX": 3000.0, "PSC_JERK_XY": 5.0,
                            "FS_GCS_ENABLE": 1.0, "GUID_TIMEOUT": 3.0, "FENCE_ENABLE": 0.0}
         self.highest = dict(self.parameters)
@@ -100,7 +105,7 @@ class Autopilot(threading.Thread):
 
     def talk(self):
         now = self.boot_ms()
-        for name, interval in [(0, 1000), *self.intervals.items()]:
+        for name, interval in [(0, 1000), (2, 1000), *self.intervals.items()]:
             if name in self.intervals and self.intervals[name] != interval:
                 continue
             if now >= self.due.get(name, 0):
@@ -114,6 +119,10 @@ class Autopilot(threading.Thread):
         elif name == 1:
             ready = 0x10000020
             mav.sys_status_send(ready, ready, ready, 100, 16000, -1, 80, 0, 0, 0, 0, 0, 0)
+        elif name == 2:
+            # No date in the first ten seconds: no GPS.
+            date_us = int(time.time() * 1e6) if self.boot_ms() > 10_000 else 0
+            mav.system_time_send(date_us, self.boot_ms())
         elif name == 32:
             mav.local_position_ned_send(self.boot_ms(), *self.position, *self.velocity)
         elif name == 49:
@@ -181,7 +190,9 @@ def whole_mission(folder, key):
     before = dict(vehicle.parameters)
     beside = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=254)
     port = beside.port.getsockname()[1]
-    signing = ["--signing-key", str(key)] if key else []
+    state = folder / "state.json"
+    signing = ["--signing-key", str(key), "--signing-clock", "unknown", "--signing-state", str(state),
+               "--signing-link", "5"] if key else []
     run = command(vehicle, folder / "whole", "--set-params", "--also", f"udpout:127.0.0.1:{port}", *signing)
     done = subprocess.run(run, capture_output=True, text=True, timeout=150)
     check(done.returncode == 0, f"run: {done.stderr}")
@@ -203,7 +214,52 @@ def whole_mission(folder, key):
             break
     check({(1, "HEARTBEAT"), (191, "HEARTBEAT")} <= heard, f"beside: {heard}")
     vehicle.running = False
+    if key:
+        # Both have the date of the autopilot's SYSTEM_TIME, ours is saved.
+        now = (time.time() - 1420070400) * 1e5
+        streams = vehicle.link.mav.signing.stream_timestamps
+        check(set(streams) == {(5, 1, 191)}, f"streams at the autopilot: {streams}")
+        check(vehicle.link.mav.signing.badsig_count == 0, "our signatures were refused")
+        saved = json.loads(state.read_text())["time"]
+        for name, own in [("autopilot", vehicle.link.mav.signing.timestamp), ("client", saved)]:
+            check(now - 60e5 < own <= now, f"{name}: {(now - own) / 1e5} s behind the date")
+        # It talks on for a moment after the client has ended; those frames are new to the client.
+        heard = [frame for frame in vehicle.sent if int.from_bytes(frame[-12:-6], "little") <= saved]
+        check(len(heard) > 1000, f"{len(heard)} frames are recorded")
+        replayed(folder, key, state, heard)
     return summary
+
+
+def replayed(folder, key, state, frames):
+    """The frames of a flight, sent again: a client with the state of that flight hears nobody."""
+    listen = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listen.bind(("127.0.0.1", 0))
+    listen.settimeout(0.05)
+    running = threading.Event()
+    running.set()
+
+    def replay():
+        peer, waiting = None, list(frames)
+        while running.is_set():
+            try:
+                peer = listen.recvfrom(4096)[1]
+            except TimeoutError:
+                pass
+            for frame in waiting[:200] if peer else []:
+                listen.sendto(frame, peer)
+            waiting = waiting[200:] if peer else waiting
+
+    thread = threading.Thread(target=replay, daemon=True)
+    thread.start()
+    run = [BINARY, "run", "--policy", "straight-line", "--profile", "arducopter", "--speed", "20",
+           "--link", f"udpout:127.0.0.1:{listen.getsockname()[1]}", "--out", str(folder / "replayed"),
+           "--signing-key", str(key), "--signing-clock", "unknown"]
+    done = subprocess.run([*run, "--signing-state", str(state)], capture_output=True, text=True, timeout=60)
+    check(done.returncode == 1 and "no heartbeat" in done.stderr, f"replayed flight: {done.stderr}")
+    check("or replayed" in done.stderr, f"nothing was refused: {done.stderr}")
+    running.clear()
+    thread.join()
+    listen.close()
 
 
 def pilot_takes_over(folder):

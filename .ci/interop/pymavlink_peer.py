@@ -1,9 +1,12 @@
-"""pymavlink against our vehicle and our client: parameters, missions, signing both ways.
+"""pymavlink against our vehicle and our client: parameters, missions, signing both ways, also by a
+vehicle that has no clock and is restarted.
 
 Usage: pymavlink_peer.py HOST_SIM_BINARY
 """
 
+import itertools
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -26,6 +29,10 @@ class Vehicle:
         command = [BINARY, "vehicle", "--listen", listen, "--speed", SPEED, *arguments]
         self.process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
 
+    def crash(self):
+        self.process.kill()
+        self.process.wait()
+
     def connect(self, key=None):
         link = mavutil.mavlink_connection(
             f"udpout:127.0.0.1:{self.port}", source_system=255, source_component=190
@@ -38,6 +45,8 @@ class Vehicle:
         return self
 
     def __exit__(self, *_):
+        if self.process.returncode is not None:
+            return  # it was killed
         self.process.send_signal(2)
         check(self.process.wait(10) == 0, "the vehicle does not end cleanly on ctrl-C")
 
@@ -156,7 +165,95 @@ def signing():
                 check(count is None, "an unsigned or wrongly signed request was answered")
 
 
+EPOCH = 1420070400
+
+
+def now():
+    """In units of signatures: 10 us since 2015."""
+    return int((time.time() - EPOCH) * 1e5)
+
+
+def record_sent(link):
+    """The bytes of every frame that is sent from now on."""
+    frames, write = [], link.write
+    link.write = lambda data: (frames.append(bytes(data)), write(data))
+    return frames
+
+
+def answers_replayed(vehicle, key, frames):
+    """Whether a recorded request for the mission is answered to someone who only replays it."""
+    heard = mavutil.mavlink.MAVLink(None)
+    heard.signing.secret_key = key
+    count = 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.settimeout(0.1)
+        end = time.time() + 2.0
+        # Again and again: the vehicle may still be starting.
+        for frame in itertools.cycle(frames):
+            if time.time() > end:
+                break
+            s.sendto(frame, ("127.0.0.1", vehicle.port))
+            try:
+                messages = heard.parse_buffer(s.recv(4096)) or []
+            except TimeoutError:
+                continue
+            count += len(messages)
+            if any(message.get_type() == "MISSION_COUNT" for message in messages):
+                return True
+    check(count > 0, "the vehicle says nothing at all: silence would be no answer")
+    return False
+
+
+def no_clock():
+    """A vehicle whose clock shows nothing takes over our time, keeps it over a crash, and refuses
+    what was recorded before that."""
+    key = bytes(range(32, 64))
+    with tempfile.TemporaryDirectory() as folder:
+        file, state = os.path.join(folder, "key"), os.path.join(folder, "state.json")
+        with open(os.open(file, os.O_CREAT | os.O_WRONLY, 0o600), "w") as out:
+            out.write(key.hex())
+        arguments = ["--profile", "multirotor", "--signing-key", file, "--signing-clock", "unknown",
+                     "--signing-link", "7"]
+        kept = [*arguments, "--signing-state", state]
+        with Vehicle(*kept) as vehicle:
+            link = vehicle.connect(key)
+            sent = record_sent(link)
+            begun = now()
+            check(greet(link), "a vehicle without a clock is not heard")
+            check(link.mav.signing.badsig_count == 0, "bad signatures")
+            streams = link.mav.signing.stream_timestamps
+            check(set(streams) == {(7, 1, 1)}, f"link id and sender: {streams}")
+            check(begun - 100_000 <= streams[7, 1, 1] <= now(), "it signs with another time than ours")
+            read_mission(link)
+            requests = [frame for frame in sent if frame[7] == 43]  # MISSION_REQUEST_LIST
+            check(len(requests) == 1, "no request was recorded")
+            check(not answers_replayed(vehicle, key, requests), "answers a replayed request")
+            time.sleep(1.5)  # it saves every second
+            vehicle.crash()
+        with Vehicle(*kept) as vehicle:
+            check(not answers_replayed(vehicle, key, sent), "answers a request from before the crash")
+            link = vehicle.connect(key)
+            check(greet(link), "not heard after the crash")
+            read_mission(link)
+            check(link.mav.signing.badsig_count == 0, "bad signatures after the crash")
+            check(link.mav.signing.stream_timestamps[7, 1, 1] > streams[7, 1, 1], "its time went back")
+        # Without the state the same frames are accepted: the checks above are not empty.
+        with Vehicle(*arguments) as vehicle:
+            check(answers_replayed(vehicle, key, sent), "replays are not even tried")
+        # One that has a clock refuses them also without a state.
+        aged = mavutil.mavlink.MAVLink(None, 255, 190)
+        aged.signing.secret_key, aged.signing.sign_outgoing = key, True
+        aged.signing.timestamp = now() - 61 * 100_000
+        old = mavutil.mavlink.MAVLink_mission_request_list_message(1, 1).pack(aged)
+        aged.signing.timestamp = now() - 50 * 100_000
+        fresh = mavutil.mavlink.MAVLink_mission_request_list_message(1, 1).pack(aged)
+        with Vehicle("--profile", "multirotor", "--signing-key", file) as vehicle:
+            check(not answers_replayed(vehicle, key, [bytes(old)]), "accepts a frame of a minute ago")
+            check(answers_replayed(vehicle, key, [bytes(fresh)]), "refuses a frame of 50 seconds ago")
+
+
 parameters()
 missions()
 signing()
+no_clock()
 print(f"pymavlink: parameters, missions and signing, {check.count} checks")

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Time of the slot solvers on this machine: `cargo bench -p firmware-core --bench inner`.
 //!
 //! Every figure includes reading the gains and sorting them, and, where a whole slot is

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Solves a given number of slots by a given method: what `.ci/instruction-count` runs under
 //! callgrind, with 0 and with many slots, to count instructions per slot.
 

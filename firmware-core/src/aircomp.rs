@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Over-the-air computation in one slot: mean-square error, rate and normalizing factor, each
 //! as the paper prints it, for any powers and coefficients.
 //!

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The probabilistic line-of-sight channel from the ground to the vehicle.
 //!
 //! The paper's eq:gain (path loss `G`, dB), eq:plos (probability of line of sight) and eq:gmn,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Counters that saturate.
 
 use serde::{Deserialize, Serialize};
@@ -11,6 +12,7 @@ pub(crate) fn count(counter: &mut u32) {
 /// Counters of what a decoder of MAVLink has received. Each counter stays at its largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct MavlinkCounters {
     /// Frames with a correct checksum.
     pub frames: u32,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard controller of a UAV that serves ground users' uplinks and, on the same frequency
 //! and in the same slots, computes the average of what ground sensors measure over the air.
 //!
@@ -98,6 +99,11 @@ extern crate self as firmware_core;
 mod test_missions;
 pub mod time;
 pub mod units;
+
+// The examples of the README are tested.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}
 
 // Crates whose types appear in this crate's interface.
 pub use heapless;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The limits of a vehicle's motion, which the controller plans with and the guidance keeps.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The number type: `f64` on the host, `f32` on the microcontroller.
 //!
 //! Everything numeric in this crate is generic over [`Scalar`]. Functions beyond arithmetic are

@@ -1,44 +1,15 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Missions for tests with the values of Table I. The tests in `tests/` include this file, too.
 
 #![allow(dead_code)] // each test uses a part of it
 
-use firmware_core::{
-    Mission, Position, Scalar, Watt,
-    mission::{Area, Environment, ExcessLoss, MissionParameters},
-};
+use firmware_core::{Mission, Position, Scalar, mission::MissionParameters};
 use heapless::Vec;
 
 /// Returns the values of Table I without any user or sensor.
 pub(crate) fn table_one_without_nodes<T: Scalar, const M: usize, const J: usize>()
 -> MissionParameters<T, M, J> {
-    let place = |x: f64, y: f64| Position::new(T::of(x), T::of(y));
-    MissionParameters {
-        slots: 60,
-        slot_duration_s: T::one(),
-        start: place(50.0, 50.0),
-        destination: place(950.0, 950.0),
-        area: Area {
-            east_m: T::of(1000.0),
-            north_m: T::of(1000.0),
-        },
-        altitude_m: T::of(100.0),
-        max_speed_mps: T::of(30.0),
-        carrier_hz: T::of(2e9),
-        environment: Environment {
-            a: T::of(9.613),
-            b: T::of(0.158),
-        },
-        excess_loss_db: ExcessLoss {
-            los: T::one(),
-            nlos: T::of(20.0),
-        },
-        noise_power: Watt::from_dbm(T::of(-95.0)),
-        mse_threshold: T::of(0.015),
-        user_power_max: Watt(T::of(0.2)),
-        sensor_power_max: Watt(T::of(0.05)),
-        users: Vec::new(),
-        sensors: Vec::new(),
-    }
+    MissionParameters::table_one()
 }
 
 /// Table I: 15 users in the north-west, 36 sensors in the south-east.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Time as an argument.
 //!
 //! Nothing in this crate owns a clock: the caller passes the present [`Instant`]. On a

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Physical quantities as types, so that they cannot be confused at a public boundary.
 
 use serde::{Deserialize, Serialize};

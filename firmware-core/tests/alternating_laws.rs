@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Alg. 1 compared with the exact optimum, and the comparison schemes with their optima.
 
 mod random_slots;

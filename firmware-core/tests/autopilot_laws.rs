@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Laws of the MAVLink client that hold for *any* order of messages, answers, calls and time.
 //!
 //! A model observes the client from outside: it tracks what was last reported to the client about

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Guarantees for gains within bounds, tested with gains drawn from the bounds: MSE and rate are
 //! computed by the printed formulas (`aircomp`).
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Laws of a mission whose knowledge changes in flight: whatever changes, valid or not, every slot
 //! keeps its constraints, those who are there are treated fairly, and nothing panics.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The table in `docs/failsafes.md` is that of the code.
 
 use firmware_core::autopilot::failsafe::TABLE;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The laws of `docs/mathematics.md`, section 3, on 100,000 random slots and at the corners of
 //! the domain. MSE and rate are always recomputed from the returned powers and coefficients
 //! with the printed formulas (`aircomp`).

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Laws of the planner for any mission, state and budget: plans are feasible and finite, and more
 //! work never makes them worse.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The shield against random and invalid policy outputs: a million outputs over random missions,
 //! and the projection against its definition.
 

@@ -59,6 +59,7 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
                 }
             }
             Some(Call::Footprint) => report_footprint(board),
+            Some(Call::Signing) => report(board, &BoardReport::Signing(None)),
             Some(Call::Tick(_) | Call::Stop) => {}
             None => board.rest(false),
         }
@@ -72,6 +73,7 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
         let call = next_call(board, &mut calls);
         match call {
             Some(Call::Footprint) => report_footprint(board),
+            Some(Call::Signing) => report(board, &BoardReport::Signing(computer.signing_state())),
             Some(Call::Stop) => flight.stop_asked = true,
             Some(Call::Tick(tick)) if clock == Clock::Console => {
                 flight.bench_round(board, computer, &tick);
@@ -115,7 +117,7 @@ fn commission<B: Board>(
         Clock::Board => board.now(),
         Clock::Console => Instant::ZERO,
     };
-    computer.launch(now);
+    order.launch(computer, now);
     Ok(())
 }
 

@@ -8,6 +8,7 @@
 //! | [`flight`] | the loop that flies one mission with the world and the vehicle |
 //! | [`session`], [`doctor`], [`upload`], [`watch`] | clients of an autopilot without setpoints |
 //! | [`serve`] | the built-in vehicle as a separate process |
+//! | [`signing`] | clock and saved state of MAVLink signatures |
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`], [`report`] | the record of a flight, and the pages made from it |
 //! | [`journal`] | the parameters that were changed in a vehicle and are not restored yet |
@@ -29,6 +30,7 @@ pub mod record;
 pub mod report;
 pub mod serve;
 pub mod session;
+pub mod signing;
 pub mod upload;
 pub mod watch;
 pub mod world;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use firmware_core::autopilot::{Autopilot, AutopilotSettings, Leg, LegEnd, Phase};
 use firmware_core::time::Instant;
 use flight::{ALTITUDE_M, SLOT, SPEED_MPS, free_port, origin, start, zigzag};
-use host_sim::serve::serve;
+use host_sim::{serve::serve, signing::SigningUpkeep};
 use link::{LinkAddress, Port};
 use vehicle::{Profile, Vehicle, VehicleSettings};
 
@@ -88,6 +88,7 @@ fn over_udp_the_ideal_vehicle_is_at_every_waypoint_at_the_slots_end() {
                 Vehicle::new(settings),
                 SPEED,
                 &stop,
+                &mut SigningUpkeep::default(),
             )
         }
     });

@@ -9,14 +9,15 @@ use std::thread::JoinHandle;
 use firmware_core::autopilot::Autopilot;
 use firmware_core::autopilot::mission::Ending;
 use firmware_core::autopilot::profile::Firmware;
-use firmware_core::autopilot::wire::signing::SigningKey;
+use firmware_core::autopilot::wire::signing::{LinkSigning, SigningKey, SigningState};
 use firmware_core::time::Duration;
 use flight::{free_port, zigzag};
 use host_sim::doctor::{Diagnosis, examine};
 use host_sim::serve::serve;
 use host_sim::session::Session;
+use host_sim::signing::SigningUpkeep;
 use host_sim::upload::{FailedUpload, Upload, UploadProgress};
-use link::{LinkAddress, Port, tlog};
+use link::{LinkAddress, Port};
 use vehicle::{Profile, Vehicle, VehicleSettings};
 
 const SPEED: f64 = 20.0;
@@ -40,6 +41,7 @@ impl Process {
                     Vehicle::new(settings),
                     SPEED,
                     &stop,
+                    &mut SigningUpkeep::default(),
                 )
             }
         });
@@ -55,7 +57,7 @@ impl Process {
         let link: LinkAddress = format!("udpout:127.0.0.1:{}", self.port).parse().unwrap();
         let mut port = Port::new(link.open().unwrap(), settings.own.resolve(None));
         if let Some(key) = key {
-            port.sign_with(SigningKey::new([key; 32]), 1);
+            port.sign_with(signing(key, 1));
         }
         (Session::new(port, SPEED), Autopilot::new(settings).unwrap())
     }
@@ -67,6 +69,14 @@ impl Drop for Process {
         if let Some(thread) = self.thread.take() {
             thread.join().unwrap().unwrap();
         }
+    }
+}
+
+fn signing(key: u8, link: u8) -> LinkSigning {
+    LinkSigning {
+        key: SigningKey::new([key; 32]),
+        link,
+        state: SigningState::default(),
     }
 }
 
@@ -213,7 +223,7 @@ fn the_doctor_hears_nobody() {
 #[test]
 fn a_signed_vehicle_listens_to_its_key_only() {
     let mut settings = flight::vehicle(Profile::Multirotor);
-    settings.signing = Some((SigningKey::new([7; 32]), tlog::wall_clock_us()));
+    settings.signing = Some(signing(7, 0));
     let process = Process::start(settings);
     let signed = diagnose(&process, Profile::Multirotor, Some(7), 30);
     assert!(signed.is_ready(), "{signed}");

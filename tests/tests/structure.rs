@@ -312,6 +312,29 @@ fn a_circle_is_found() {
     );
 }
 
+/// firmware-core is the crate that is published: each of its files states its license.
+#[test]
+fn each_file_of_firmware_core_states_its_license() {
+    let mut folders = vec![repository().join("firmware-core")];
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() && !path.ends_with("target") {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                files.push(path);
+            }
+        }
+    }
+    assert!(files.len() > 100, "{files:?}");
+    files.retain(|file| {
+        let text = fs::read_to_string(file).expect("readable");
+        !text.starts_with("// SPDX-License-Identifier: MIT OR Apache-2.0\n")
+    });
+    assert!(files.is_empty(), "{files:#?}");
+}
+
 #[test]
 fn the_trainer_builds_no_links_and_no_clarabel() {
     let tree = |package| -> BTreeSet<String> {

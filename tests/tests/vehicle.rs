@@ -167,6 +167,27 @@ fn a_key_must_be_private_and_the_right_one() {
     assert!(run(&["--signing-key", &open], 2).contains("mode 644 gives others access"));
     // Both ends with the same key: signed there and back, in simulated time.
     run(&["--signing-key", &ours], 0);
+    // Without a clock, and again from the saved state: the vehicle, which has forgotten everything,
+    // takes over the later time.
+    let state = folder.path().join("state.json").display().to_string();
+    let kept = [
+        "--signing-key",
+        &ours,
+        "--signing-clock",
+        "unknown",
+        "--signing-state",
+        &state,
+    ];
+    let mut times = Vec::new();
+    for _ in 0..2 {
+        run(&kept, 0);
+        let saved: serde_json::Value = serde_json::from_slice(&fs::read(&state).unwrap()).unwrap();
+        times.push(saved["time"].as_u64().unwrap());
+    }
+    assert!(times[0] < times[1], "{times:?}");
+    fs::write(&state, "{}").unwrap();
+    assert!(run(&kept, 2).contains("state of signatures"));
+    assert!(run(&kept[2..], 2).contains("--signing-key"));
     let (_vehicle, link) = vehicle("ideal", "20", &["--signing-key", &theirs]);
     let arguments = ["--speed", "20", "--link", &link, "--signing-key", &ours];
     let complaint = run(&arguments, 1);

@@ -1,10 +1,14 @@
 //! Hardware in the loop: compares missions whose controller is the image in QEMU with the same
-//! missions on this machine in the same precision: by the trained policy, by the planner, and by the
-//! planner with changes of the mission in flight, the last with and without a key of the ground link. Waypoints and users must be equal, and rates must
-//! agree within [`RATE_TOLERANCE`]; an image with a damaged policy must refuse to fly.
+//! missions on this machine in the same precision: by the trained policy, by the planner, by the
+//! planner with changes of the mission in flight and a key of the ground link, and with MAVLink
+//! signing, which a board begins without a clock. Waypoints and users must be equal, rates must agree
+//! within [`RATE_TOLERANCE`], every signed frame must be valid; an image with a damaged policy must
+//! refuse to fly.
 
 use std::{
     fs,
+    io::Write,
+    os::unix::fs::OpenOptionsExt,
     path::{Path, PathBuf},
     process::{Command, Output},
     time::Instant,
@@ -12,6 +16,10 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
+use firmware_core::autopilot::wire::{
+    Decoder,
+    signing::{SigningKey, SigningState, SigningTime, Verifier},
+};
 use scenario::ScenarioChoice;
 use serde_json::Value;
 
@@ -45,8 +53,25 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     let events = write_events(&out, &arguments.scenario)?;
     let events = events.display().to_string();
     let policy = images.policy.display().to_string();
-    let key = write_key(&out)?.display().to_string();
-    let pairs: [(&str, &[&str], &[&str]); 4] = [
+    let ground_key = write_key(&out)?.display().to_string();
+    let mavlink_key = write_mavlink_key(&out)?.display().to_string();
+    let authenticated = [
+        "--policy",
+        "plan",
+        "--events",
+        &events,
+        "--ground-key",
+        &ground_key,
+    ];
+    let signed = [
+        "--policy",
+        "straight-line",
+        "--signing-key",
+        &mavlink_key,
+        "--signing-clock",
+        "unknown",
+    ];
+    let pairs: [(&str, &[&str], &[&str]); 5] = [
         ("trained", &["--policy", &policy], &[]),
         ("plan", &["--policy", "plan"], &["--policy", "plan"]),
         (
@@ -54,34 +79,25 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
             &["--policy", "plan", "--events", &events],
             &["--policy", "plan", "--events", &events],
         ),
-        (
-            "authenticated",
-            &[
-                "--policy",
-                "plan",
-                "--events",
-                &events,
-                "--ground-key",
-                &key,
-            ],
-            &[
-                "--policy",
-                "plan",
-                "--events",
-                &events,
-                "--ground-key",
-                &key,
-            ],
-        ),
+        ("authenticated", &authenticated, &authenticated),
+        (SIGNED, &signed, &signed),
     ];
     for (name, own, image) in pairs {
         let fly = |place: &str, controller: &[&str], policy: &[&str]| {
             let name = format!("{name}, {place}");
             let out = out.join(name.replace(", ", "-"));
             let begun = Instant::now();
+            let state = out.with_extension("signing.json");
             let mut run = Command::new(&host);
+            if policy == signed {
+                // That of an earlier run would be later than the simulated time.
+                let _ = fs::remove_file(&state);
+                run.arg("run").arg("--signing-state").arg(&state);
+            } else {
+                run.arg("run");
+            }
             run.current_dir(root)
-                .args(["run", "--json", "--scenario", &arguments.scenario])
+                .args(["--json", "--scenario", &arguments.scenario])
                 .args(controller)
                 .args(policy)
                 .args(&arguments.more)
@@ -96,6 +112,9 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
                 begun.elapsed().as_secs_f64(),
                 flight.note
             );
+            if policy == signed {
+                check_signatures(&out.join("mavlink.tlog"), &state).context(name)?;
+            }
             anyhow::Ok(flight)
         };
         let in_process = ["--controller", "in-process", "--precision", "f32"];
@@ -106,6 +125,75 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
         drop(board);
         compare(&image, &own)?;
     }
+    let state = |place: &str| fs::read(out.join(format!("{SIGNED}-{place}.signing.json")));
+    let (own, image) = (state("in-process")?, state("image")?);
+    ensure!(
+        own == image,
+        "the states of signing differ: {} in the host process, {} in the image",
+        String::from_utf8_lossy(&own),
+        String::from_utf8_lossy(&image)
+    );
+    println!("signing: the states after the flight are equal");
+    Ok(())
+}
+
+/// The name of the signed flight.
+const SIGNED: &str = "signed";
+/// The key of the signed flight.
+const KEY: [u8; 32] = *b"a key for the flight on a bench.";
+
+/// Writes the key of the signed flight, which only the owner may read.
+fn write_mavlink_key(folder: &Path) -> Result<PathBuf> {
+    fs::create_dir_all(folder)?;
+    let path = folder.join("mavlink.key");
+    let mut options = fs::OpenOptions::new();
+    let file = options.write(true).create(true).truncate(true).mode(0o600);
+    file.open(&path)?.write_all(&KEY)?;
+    Ok(path)
+}
+
+/// Checks that every frame of a flight, in both directions, has a valid signature, and that the
+/// state that the computer saved afterwards refuses all that it has received.
+fn check_signatures(log: &Path, state: &Path) -> Result<()> {
+    // The component id of the vehicle.
+    const VEHICLE: u8 = 1;
+    // A record: 8 bytes of time, and a frame.
+    const TIME: usize = 8;
+    const PAYLOAD_LENGTH: usize = TIME + 1;
+    const BESIDE_PAYLOAD: usize = 10 + 2 + 13;
+    let log = fs::read(log)?;
+    let saved: SigningState = serde_json::from_slice(&fs::read(state)?)?;
+    let verifying = |state: &SigningState| {
+        let mut decoder = Decoder::new();
+        decoder.require_signatures(Verifier::new(SigningKey::new(KEY), state));
+        decoder
+    };
+    let mut during = verifying(&SigningState::at(SigningTime::UNKNOWN));
+    let mut afterwards = verifying(&saved);
+    let (mut frames, mut received, mut rest) = (0, 0, log.as_slice());
+    while let Some(&payload) = rest.get(PAYLOAD_LENGTH) {
+        let record = TIME + BESIDE_PAYLOAD + usize::from(payload);
+        ensure!(rest.len() >= record, "the log ends within a frame");
+        let (record, further) = rest.split_at(record);
+        let mut frame = &record[TIME..];
+        let Some(valid) = during.next_frame(&mut frame) else {
+            bail!(
+                "frame {frames} has no valid signature: {:?}",
+                during.counters()
+            );
+        };
+        let is_received = valid.sender().component == VEHICLE;
+        received += u32::from(is_received);
+        let mut replayed = &record[TIME..];
+        let accepted = is_received && afterwards.next_frame(&mut replayed).is_some();
+        ensure!(!accepted, "frame {frames} would be accepted again");
+        (frames, rest) = (frames + 1, further);
+    }
+    ensure!(
+        received > 1000 && frames > received,
+        "only {received} of {frames} frames were received"
+    );
+    println!("signing: {frames} frames are valid; the {received} received ones cannot be replayed");
     Ok(())
 }
 

@@ -31,6 +31,7 @@ pub(crate) fn write(to: &Path) -> Result<()> {
         policy_kind: PolicyKind::Plan,
         clock: Clock::Console,
         ground_link: None,
+        mavlink_key: None,
     };
     let mut frame = [0; CONSOLE_FRAME_MAX];
     let frame = encode_call(&Call::Order(order), &mut frame)?;

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::io::{self, Write};
 
-use firmware_core::autopilot::wire::signing::{Signer, SigningKey, Verifier};
+use firmware_core::autopilot::wire::signing::{self, LinkSigning};
 use firmware_core::time::Instant;
 use firmware_core::{
     autopilot::wire::{Address, Decoder, Encoder, Frame, MAX_FRAME},
@@ -52,12 +52,15 @@ impl Port {
         self.log = Some(log);
     }
 
-    /// Signs what is sent, with the link id `link`, and accepts only frames with a valid signature.
-    pub fn sign_with(&mut self, key: SigningKey, link: u8) {
-        let now_us = wall_clock_us();
-        self.encoder
-            .sign_with(Signer::new(key.clone(), link, now_us));
-        self.decoder.require_signatures(Verifier::new(key, now_us));
+    /// Signs what is sent, and accepts only frames with a valid signature. The clock is that of the
+    /// system.
+    pub fn sign_with(&mut self, signing: LinkSigning) {
+        signing::start(&mut self.decoder, &mut self.encoder, signing);
+        self.set_signing_time();
+    }
+
+    fn set_signing_time(&mut self) {
+        signing::set_time(&mut self.decoder, &mut self.encoder, wall_clock_us());
     }
 
     /// Sends as `own` from now on.
@@ -78,9 +81,7 @@ impl Port {
     /// Sends a message. Returns false if the link is down and the message was dropped.
     pub fn send(&mut self, now: Instant, message: &MavMessage) -> io::Result<bool> {
         let mut buffer = [0; MAX_FRAME];
-        if let Some(signer) = self.encoder.signer_mut() {
-            signer.set_time(wall_clock_us());
-        }
+        self.set_signing_time();
         let frame = self.encoder.encode(message, &mut buffer);
         if let Some(log) = &mut self.log {
             log.record(now, frame)?;
@@ -96,9 +97,7 @@ impl Port {
         timeout: std::time::Duration,
     ) -> io::Result<Option<(Address, MavMessage)>> {
         if self.received.is_empty() && self.link.receive(&mut self.piece, timeout)? {
-            if let Some(verifier) = self.decoder.verifier_mut() {
-                verifier.set_time(wall_clock_us());
-            }
+            self.set_signing_time();
             let mut bytes = &self.piece[..];
             while let Some(frame) = self.decoder.next_frame(&mut bytes) {
                 take(frame, now, &mut self.log, &mut self.received)?;
@@ -108,6 +107,7 @@ impl Port {
                     take(frame, now, &mut self.log, &mut self.received)?;
                 }
             }
+            signing::synchronize(&mut self.decoder, &mut self.encoder);
         }
         Ok(self.received.pop_front())
     }

@@ -2,7 +2,7 @@
 
 use firmware_core::Position;
 use firmware_core::autopilot::frames::Geodetic;
-use firmware_core::autopilot::wire::signing::SigningKey;
+use firmware_core::autopilot::wire::signing::LinkSigning;
 use firmware_core::time::Duration;
 use nalgebra::Vector2;
 
@@ -47,9 +47,10 @@ pub struct VehicleSettings {
     pub die_after: Option<Duration>,
     /// The parameters that differ from the profile's defaults: name and value.
     pub parameters: Vec<(String, f32)>,
-    /// If set, the vehicle signs its messages and requires signatures. Contains the key and the
-    /// initial time, microseconds since 1970, which [`Vehicle::set_signing_time`](super::Vehicle::set_signing_time) advances.
-    pub signing: Option<(SigningKey, u64)>,
+    /// If set, the vehicle signs its messages and requires signatures, from this state on.
+    /// [`Vehicle::set_signing_time`](super::Vehicle::set_signing_time) sets its clock; without one it
+    /// takes over the time of received messages.
+    pub signing: Option<LinkSigning>,
 }
 
 impl VehicleSettings {

@@ -6,10 +6,11 @@ use std::collections::VecDeque;
 
 use firmware_core::Position;
 use firmware_core::autopilot::profile::Firmware;
-use firmware_core::autopilot::wire::signing::{Signer, Verifier};
+use firmware_core::autopilot::wire::signing::{self, SigningState};
 use firmware_core::autopilot::wire::{Address, Decoder, Encoder, MAX_FRAME};
 use firmware_core::time::{Duration, Instant};
 use mavlink::dialects::common::MavMessage;
+use mavlink::error::ParserError;
 use nalgebra::Vector2;
 
 use super::behavior::Behavior;
@@ -105,9 +106,8 @@ impl Vehicle {
             parameters.set(name, *value);
         }
         let (mut decoder, mut encoder) = (Decoder::new(), Encoder::new(address));
-        if let Some((key, epoch_us)) = &settings.signing {
-            encoder.sign_with(Signer::new(key.clone(), 0, *epoch_us));
-            decoder.require_signatures(Verifier::new(key.clone(), *epoch_us));
+        if let Some(signing) = &settings.signing {
+            signing::start(&mut decoder, &mut encoder, signing.clone());
         }
         Self {
             firmware,
@@ -208,11 +208,8 @@ impl Vehicle {
         // The decoder is moved out while frames borrow from it.
         let mut decoder = std::mem::take(&mut self.decoder);
         while let Some(frame) = decoder.next_frame(&mut bytes) {
-            let sender = frame.sender();
-            // The frame has a value outside an enumeration and is ignored.
-            if let Ok(message) = frame.message() {
-                self.handle(now, sender, &message);
-            }
+            let (sender, message) = (frame.sender(), frame.message());
+            self.take(now, sender, message, &mut decoder);
         }
         self.decoder = decoder;
     }
@@ -223,11 +220,25 @@ impl Vehicle {
         let now = self.clock;
         let mut decoder = std::mem::take(&mut self.decoder);
         while let Some(frame) = decoder.end_of_datagram() {
-            if let Ok(message) = frame.message() {
-                self.handle(now, frame.sender(), &message);
-            }
+            let (sender, message) = (frame.sender(), frame.message());
+            self.take(now, sender, message, &mut decoder);
         }
         self.decoder = decoder;
+    }
+
+    /// Handles the message of a frame. A message with a value outside an enumeration is ignored.
+    fn take(
+        &mut self,
+        now: Instant,
+        sender: Address,
+        message: Result<MavMessage, ParserError>,
+        decoder: &mut Decoder,
+    ) {
+        // Before the answer is signed.
+        signing::synchronize(decoder, &mut self.encoder);
+        if let Ok(message) = message {
+            self.handle(now, sender, &message);
+        }
     }
 
     /// Advances the time to `now`.
@@ -272,12 +283,12 @@ impl Vehicle {
     /// Sets the clock of signatures, microseconds since 1970. It never decreases. It is independent
     /// of simulated time, because signatures must not carry a time in the future.
     pub fn set_signing_time(&mut self, unix_us: u64) {
-        if let Some(signer) = self.encoder.signer_mut() {
-            signer.set_time(unix_us);
-        }
-        if let Some(verifier) = self.decoder.verifier_mut() {
-            verifier.set_time(unix_us);
-        }
+        signing::set_time(&mut self.decoder, &mut self.encoder, unix_us);
+    }
+
+    /// Returns the state of signatures that a restarted vehicle needs, or `None` without a key.
+    pub fn signing_state(&self) -> Option<SigningState> {
+        signing::state(&self.decoder, &self.encoder)
     }
 
     pub(super) fn send(&mut self, message: &MavMessage) {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The relation between the vehicle's clock and ours.
 //!
 //! Every position carries the vehicle's own time since boot. Legs are scheduled in that time,
@@ -11,21 +12,21 @@
 //! by several per cent (a simulation that does not keep up, or `--speed`), and a link may hold
 //! messages back for a moment. Therefore:
 //!
-//! * of each [`BUCKET`] of our time, only the message with the smallest delay is used;
-//! * the rate is the median of the slopes between such messages [`SLOPE`] buckets apart: a few late
+//! * of each `BUCKET` of our time, only the message with the smallest delay is used;
+//! * the rate is the median of the slopes between such messages `SLOPE` buckets apart: a few late
 //!   buckets have no effect;
-//! * the offset is that of the message with the smallest delay in the last [`RECENT`] buckets;
+//! * the offset is that of the message with the smallest delay in the last `RECENT` buckets;
 //! * a simulation that stalls loses time for good (ArduCopter's: all but 100 ms of a stall): where
-//!   the messages of three [`BURST`]s or more, over [`STALL_WINDOW`] or longer, are all later than
-//!   that by more than [`STALL`], earlier messages are no longer used. A *link* that paused
+//!   the messages of three `BURST`s or more, over `STALL_WINDOW` or longer, are all later than
+//!   that by more than `STALL`, earlier messages are no longer used. A *link* that paused
 //!   delivers what it held back in one burst, whose last message is not late.
 //!
 //! The published mapping follows the estimate smoothly once a flight depends on it: it is corrected
-//! by at most [`SLEW`] of the time that passes, unless it is off by more than [`STEP`]. A mapping
-//! that is ahead is corrected sooner ([`SLEW_AHEAD`]): setpoints that are ahead of the vehicle's
+//! by at most `SLEW` of the time that passes, unless it is off by more than `STEP`. A mapping
+//! that is ahead is corrected sooner (`SLEW_AHEAD`): setpoints that are ahead of the vehicle's
 //! clock make the vehicle fly too far in a slot.
 //!
-//! Worst case: [`BUCKETS`] points, one selection a second, [`BURSTS`] comparisons a
+//! Worst case: `BUCKETS` points, one selection a second, `BURSTS` comparisons a
 //! message. About 900 bytes.
 
 use crate::sort::insertion_sort;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Control of the vehicle: whether the client has it, and what the client may send with it.
 
 use super::client::Autopilot;

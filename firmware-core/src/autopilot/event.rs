@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Events of the client, in the order in which they occurred.
 //!
 //! Events are data with a `Display` that describes them. The queue is bounded: when it is full the
@@ -17,6 +18,7 @@ use super::profile::{Firmware, Mode};
 
 /// An event of the client.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Event {
     /// The first heartbeat of the autopilot that is flown from now on was received.
     Connected {

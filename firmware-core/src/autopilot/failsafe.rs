@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Failures in flight, how they are detected, and the reactions to them.
 //!
 //! The single table [`TABLE`] defines them; `docs/failsafes.md` prints it, and a test keeps the two
@@ -14,6 +15,7 @@ use crate::time::Duration;
 /// A failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Cause {
     /// No heartbeat of the autopilot was received.
     HeartbeatLost,

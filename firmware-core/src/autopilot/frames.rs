@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Conversions between the map and MAVLink's frames: the only module in which north, east and down
 //! appear.
 //!

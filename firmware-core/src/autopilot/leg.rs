@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The flight of one slot and its end.
 
 use thiserror::Error;
@@ -30,6 +31,7 @@ pub struct LegEnd<T: Scalar> {
 /// Error returned when a leg cannot be flown.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum LegError {
     /// The vehicle is not ready for legs.
     #[error("no leg can start while {0}")]

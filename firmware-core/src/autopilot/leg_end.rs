@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The end of a leg: the vehicle's position at the tick, and the lag that it shows.
 
 use super::client::Autopilot;

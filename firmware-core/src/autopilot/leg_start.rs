@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The start of a leg: the reference that reaches the waypoint at the slot's end.
 
 use super::client::Autopilot;

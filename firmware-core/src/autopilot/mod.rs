@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The MAVLink client: flies the waypoints of the controller with a real autopilot.
 //!
 //! The client is a state machine without I/O. The caller passes received messages
@@ -11,6 +12,50 @@
 //!                       phase, position, ended │   │ launch, fly_leg, land, stop
 //!                                              ▼   │
 //!                                           slot cycle
+//! ```
+//!
+//! ```
+//! use firmware_core::{
+//!     Position,
+//!     autopilot::{
+//!         Autopilot, AutopilotSettings, Phase,
+//!         frames::Geodetic,
+//!         wire::{Decoder, Encoder, MAX_FRAME},
+//!     },
+//!     time::{Duration, Instant},
+//! };
+//!
+//! # fn read(_: &mut [u8]) -> usize { 0 }
+//! # fn write(_: &[u8]) {}
+//! let origin = Geodetic { latitude_e7: 473_977_420, longitude_e7: 85_455_940 };
+//! let start = Position::new(50.0, 50.0);
+//! let mut client = Autopilot::new(AutopilotSettings::<f64>::new(origin, start, 100.0, 30.0))?;
+//! let (mut decoder, mut encoder) = (Decoder::in_order(), Encoder::new(client.own()));
+//!
+//! let mut now = Instant::ZERO;
+//! client.launch(now);
+//! let (mut received, mut frame) = ([0; 280], [0; MAX_FRAME]);
+//! let mut sent = 0;
+//! while now < Instant::ZERO + Duration::from_secs(3) {
+//!     let length = read(&mut received);
+//!     let mut bytes = &received[..length];
+//!     while let Some(frame) = decoder.next_frame(&mut bytes) {
+//!         if let Ok(Some(message)) = frame.client_message() {
+//!             client.receive(now, frame.sender(), &message);
+//!         }
+//!     }
+//!     while let Some(message) = client.poll(now) {
+//!         encoder.send_as(client.own());
+//!         if let Some(frame) = encoder.encode_of_client(&message, &mut frame) {
+//!             write(frame);
+//!             sent += 1;
+//!         }
+//!     }
+//!     now = now + Duration::from_millis(10);
+//! }
+//! // No autopilot has answered: nothing but heartbeats, one a second, was sent.
+//! assert_eq!((client.phase(), sent), (Phase::Connecting, 3));
+//! # Ok::<(), firmware_core::autopilot::SettingsError>(())
 //! ```
 //!
 //! # Terms

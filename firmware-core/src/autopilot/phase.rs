@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The phases of a flight, and the conditions that the checks wait for.
 
 use core::fmt;
@@ -85,6 +86,7 @@ impl fmt::Display for Phase {
 /// A condition that the checks wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Obstacle {
     /// No position sample yet.
     NoPosition,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Comparisons of the vehicle with the mission before take-off. Waiting does not make them pass.
 //!
 //! An [`Obstacle`](super::Obstacle) is waited for; a [`PreflightRefusal`] ends the start at once,
@@ -81,6 +82,7 @@ impl<T: Scalar> Preflight<T> {
 
 /// The reason why a mission is not started. It does not go away by waiting.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum PreflightRefusal {
     /// The vehicle stands too far away.
     TooFar {

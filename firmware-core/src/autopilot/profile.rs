@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Differences between autopilots: modes, take-off, confirmation of setpoints.
 //!
 //! The firmware is determined from the autopilot's own heartbeat; it is never configured. Every

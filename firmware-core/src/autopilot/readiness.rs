@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The checks before a flight: the telemetry that is requested, and the conditions that the client
 //! waits for.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The reference outside of legs: it holds a place, or moves to one and comes to rest there.
 
 use super::client::Autopilot;

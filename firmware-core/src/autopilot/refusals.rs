@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The comparison of the vehicle with the mission before take-off.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Received messages. Only those of the autopilot that was selected change anything; frames of
 //! other systems and components are ignored.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The settings of the client. A client that exists has valid settings.
 
 use nalgebra::Vector2;
@@ -133,6 +134,7 @@ pub struct AutopilotSettings<T: Scalar> {
 
 /// Error returned for an invalid setting.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
 pub enum SettingsError {
     /// A number is not finite, or not above zero.
     #[error("{name} is {value}; it must be a number above 0")]

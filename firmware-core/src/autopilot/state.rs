@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! State of the client that exists only in a part of a flight.
 
 use super::command::Request;

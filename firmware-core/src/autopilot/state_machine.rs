@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The phases of a flight: the condition that each waits for, its command, and the phase that
 //! follows.
 //!

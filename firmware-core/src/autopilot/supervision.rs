@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Supervision of a flight: detects the failures of the failsafe table and reacts to them.
 
 use super::client::Autopilot;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The latest state that the autopilot reported about the vehicle.
 
 use heapless::Deque;

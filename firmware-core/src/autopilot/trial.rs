@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The trial leg measures the speed that the airframe reaches.
 //!
 //! Parameters that the client has raised say nothing about the airframe any more. Where the mission

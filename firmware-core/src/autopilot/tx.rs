@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Messages to send, and when.
 
 use mavlink::dialects::common::{

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard computer that a board creates from an order.
 
 use heapless::String;
@@ -14,6 +15,7 @@ use crate::{
     onboard::{Onboard, OnboardSettings},
     planner::{Capacity, Memory, OperationsInFlight, Planner, PlannerError},
     policy::{Action, Observation, PlanQuality, Policy, StraightLine, mlp::Mlp},
+    time::Instant,
 };
 
 /// A mission in the board's precision.
@@ -158,9 +160,9 @@ impl MissionOrder {
         Ok(BoardMission::new(self.mission.clone())?)
     }
 
-    /// Creates the onboard computer that flies this order. `trained` is the policy of the board, if
-    /// it has one, and `planner` its planner for the mission, which is used where the order asks for
-    /// [`PolicyKind::Plan`].
+    /// Creates the onboard computer that flies this order once it is [launched](Self::launch).
+    /// `trained` is the policy of the board, if it has one, and `planner` its planner for the
+    /// mission, which is used where the order asks for [`PolicyKind::Plan`].
     ///
     /// # Errors
     /// Returns an error if the mission is invalid, if there is no such policy, if the policy is for
@@ -191,5 +193,18 @@ impl MissionOrder {
             computer.authenticate_ground(credentials.clone());
         }
         Ok(computer)
+    }
+
+    /// Launches the computer that was [built](Self::build) for this order, with the order's MAVLink
+    /// key. This is not a part of `build`, so that the stack does not hold the computer twice.
+    pub fn launch<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>>(
+        &self,
+        computer: &mut BoardComputer<B, P>,
+        now: Instant,
+    ) {
+        if let Some(ordered) = &self.mavlink_key {
+            computer.sign_with(ordered.clone().into());
+        }
+        computer.launch(now);
     }
 }

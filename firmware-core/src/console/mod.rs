@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The console: a board's third serial line, which carries the orders for a flight.
 //!
 //! A board's image contains no mission. Before a flight the board receives a [`MissionOrder`] with
@@ -22,6 +23,7 @@
 //! a bench is therefore the same, byte for byte, each time.
 
 mod board;
+mod mavlink_key;
 mod order;
 mod protocol;
 
@@ -29,6 +31,7 @@ pub use board::{
     BoardComputer, BoardMission, BoardPlanner, BoardPolicy, PLANNER_CAPACITY,
     PLANNER_OPERATIONS_PER_POLL, PlannerBytes, PlannerNumbers, board_planner, ready,
 };
+pub use mavlink_key::MavlinkKey;
 pub use order::{Clock, MissionOrder, OrderError, PolicyKind, in_single_precision, slot_patience};
 pub use protocol::{
     BoardReport, CONSOLE_FRAME_MAX, CONSOLE_VERSION, Call, Calls, Cost, Footprint,

@@ -1,7 +1,9 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The order for a flight, and the reasons to refuse it.
 
 use serde::{Deserialize, Serialize};
 
+use super::mavlink_key::MavlinkKey;
 use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{Geofence, SettingsError, frames::Geodetic},
@@ -53,10 +55,13 @@ pub struct MissionOrder {
     pub clock: Clock,
     /// The authentication of the ground link; `None` leaves it open.
     pub ground_link: Option<Credentials>,
+    /// The key of MAVLink signing. Without one the board neither signs nor requires signatures.
+    pub mavlink_key: Option<MavlinkKey>,
 }
 
 /// Error returned when an order cannot be flown.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum OrderError {
     /// The mission is invalid.
     #[error(transparent)]
@@ -173,6 +178,7 @@ pub(super) mod tests {
                 key: GroundKey::new([0xff; 32]),
                 start: [0xff; 12],
             }),
+            mavlink_key: None,
         }
     }
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The messages between a board and its console, and their frames.
 
 use heapless::String;
@@ -5,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::order::MissionOrder;
 use crate::{
-    autopilot::Phase,
+    autopilot::{Phase, wire::signing::SigningState},
     link::{self, Decoder, FrameError, FrameTooLong},
     onboard::Stage,
     scalar::Position,
@@ -15,8 +16,9 @@ use crate::{
 /// The version of the console's messages. Any change of a message needs a new version.
 pub const CONSOLE_VERSION: u8 = 132;
 
-/// The length of the longest frame: an order with the largest number of users and sensors.
-pub const CONSOLE_FRAME_MAX: usize = 880;
+/// The length of the longest frame: an order with the largest number of users, sensors and streams
+/// of signed frames, and both keys.
+pub const CONSOLE_FRAME_MAX: usize = 1090;
 
 /// The length of the longest text.
 pub const TEXT_MAX: usize = 120;
@@ -85,6 +87,8 @@ pub enum Call {
     Stop,
     /// A request for the use of memory.
     Footprint,
+    /// A request for the state of MAVLink signing, to save it.
+    Signing,
 }
 
 /// A message from the board.
@@ -106,6 +110,9 @@ pub enum BoardReport {
     Aborted(String<TEXT_MAX>),
     /// The use of memory.
     Footprint(Footprint),
+    /// The state of MAVLink signing, which the next order carries; `None` if the board does not
+    /// sign.
+    Signing(Option<SigningState>),
 }
 
 /// Writes a call as a frame.
@@ -117,7 +124,7 @@ pub fn encode_call<'f>(call: &Call, frame: &'f mut [u8]) -> Result<&'f [u8], Fra
 }
 
 /// The length of the longest frame of a [`BoardReport`].
-pub const REPORT_FRAME_MAX: usize = 160;
+pub const REPORT_FRAME_MAX: usize = 192;
 
 /// Writes a report as a frame.
 ///
@@ -175,8 +182,30 @@ pub fn words(what: &impl core::fmt::Display) -> String<TEXT_MAX> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::MavlinkKey;
     use super::{super::order::tests::order, *};
-    use crate::autopilot::frames::Geodetic;
+    use crate::autopilot::{
+        frames::Geodetic,
+        wire::{
+            Address,
+            signing::{SigningKey, SigningTime, StreamTime},
+        },
+    };
+
+    /// The longest state: every stream in use, at the latest time.
+    fn longest_state() -> SigningState {
+        let mut state = SigningState::at(SigningTime::LAST);
+        let stream = StreamTime {
+            link: u8::MAX,
+            sender: Address {
+                system: u8::MAX,
+                component: u8::MAX,
+            },
+            time: SigningTime::LAST,
+        };
+        while state.streams.push(stream).is_ok() {}
+        state
+    }
 
     #[test]
     fn the_longest_order_fits_and_survives() {
@@ -189,6 +218,15 @@ mod tests {
             longitude_e7: i32::MIN,
         };
         order.mission.slots = u32::MAX;
+        order.mavlink_key = Some(MavlinkKey {
+            key: SigningKey::new([0xAB; 32]),
+            link: u8::MAX,
+            state: longest_state(),
+        });
+        assert!(
+            !std::format!("{order:?}").contains("171"),
+            "the key is shown"
+        );
         let mut buffer = [0; CONSOLE_FRAME_MAX];
         let frame = encode_call(&Call::Order(order.clone()), &mut buffer).expect("fits");
         let mut calls = Calls::default();
@@ -200,12 +238,16 @@ mod tests {
     fn the_longest_report_fits_and_survives() {
         let text = words(&"x".repeat(200));
         assert_eq!(text.len(), TEXT_MAX);
-        let report = BoardReport::Aborted(text);
-        let mut buffer = [0; REPORT_FRAME_MAX];
-        let frame = encode_report(&report, &mut buffer).expect("fits");
-        let mut reports = Reports::default();
-        let got: std::vec::Vec<_> = frame.iter().filter_map(|&b| reports.push(b)).collect();
-        assert_eq!(got, [Ok(report)]);
+        for report in [
+            BoardReport::Aborted(text),
+            BoardReport::Signing(Some(longest_state())),
+        ] {
+            let mut buffer = [0; REPORT_FRAME_MAX];
+            let frame = encode_report(&report, &mut buffer).expect("fits");
+            let mut reports = Reports::default();
+            let got: std::vec::Vec<_> = frame.iter().filter_map(|&b| reports.push(b)).collect();
+            assert_eq!(got, [Ok(report)]);
+        }
     }
 
     /// The bytes of a frame are a format: a change of them is a new version.

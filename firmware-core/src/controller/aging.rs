@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Estimates the channels of a slot for which no state was received, from the last state.
 //!
 //! A link's gain is assumed to be the gain of the channel model times a factor of that link, as

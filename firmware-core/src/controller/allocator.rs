@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Powers, coefficients and normalizing factor of a slot, from its channel state or without one.
 
 use heapless::Vec;

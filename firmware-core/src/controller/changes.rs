@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Changes of the mission in flight: each comes into effect at the beginning of its slot.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The rules that every slot command of a mission keeps.
 
 use core::fmt;
@@ -7,6 +8,7 @@ use crate::{mission::Mission, scalar::Scalar};
 
 /// Error returned when a slot command breaks a rule of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CommandError<T: fmt::Display> {
     /// The slot is not one of the mission.
     #[error("slot {slot}, but the mission has slots 1 to {slots}")]

@@ -1,8 +1,10 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The reasons for which the controller refuses a call.
 
 /// Error returned when the controller cannot carry out a call in its present state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum ControllerError {
     /// `plan` was called while a slot is under way.
     #[error("slot {slot} is planned and not yet allocated")]

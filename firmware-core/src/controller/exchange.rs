@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The inputs and outputs of the controller.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The slot cycle: plan, fly, allocate.
 //!
 //! ```text
@@ -16,6 +17,37 @@
 //! state is received at all, [`allocate_predicted`](Controller::allocate_predicted) uses the last
 //! one, whose gains are then known within bounds that widen with its age, and the command states
 //! that age.
+//!
+//! ```
+//! use firmware_core::{
+//!     Mission, Position,
+//!     controller::{ChannelState, Controller},
+//!     mission::MissionParameters,
+//!     policy::StraightLine,
+//! };
+//!
+//! let mission = Mission::new(MissionParameters::<f64, 4, 8> {
+//!     users: [Position::new(200.0, 700.0), Position::new(400.0, 800.0)].into_iter().collect(),
+//!     sensors: [Position::new(700.0, 100.0), Position::new(800.0, 300.0)].into_iter().collect(),
+//!     ..MissionParameters::table_one()
+//! })?;
+//! let mut controller = Controller::new(mission.clone(), StraightLine::new(&mission));
+//! let mut position = mission.parameters().start;
+//! while !controller.is_over() {
+//!     let plan = controller.plan(position)?;
+//!     // An ideal vehicle. The ground measures the channels where it has arrived.
+//!     position = plan.waypoint;
+//!     let measured = ChannelState::predicted(&mission, plan.slot, &position);
+//!     let command = controller.allocate(&measured)?;
+//!     // Where the threshold cannot be met from the position reached, the command says so.
+//!     let is_accurate = command.mse <= mission.parameters().mse_threshold;
+//!     assert!(is_accurate || !command.status.is_feasible());
+//!     command.check(&mission)?;
+//! }
+//! assert!(mission.has_arrived(&position));
+//! assert!(controller.fairness().is_fair());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 //!
 //! Worst case per slot: `plan` is the policy plus 29 shield candidates; `allocate` is `M + J`
 //! checks and one slot solution, `O(J log J)` by the default [`Method`]; `allocate_predicted` is `3

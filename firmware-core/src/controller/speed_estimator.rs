@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The distance that the vehicle can fly in a slot, estimated from its limits and from the slots
 //! flown.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! From gains to powers, coefficients and the MSE that they give: the one path that the controller,
 //! the training environment and `host-sim solve` take.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The paper's Alg. 1 (alg:1): alternate between powers and coefficients for a given `eta` (eq:inn1)
 //! and `eta` for given powers and coefficients (eq:inn2, solved by eq:opteta and eq:eta_), with the
 //! corrections of `docs/mathematics.md`. It is here to be compared with: [`exact`](super::exact) gives the

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The slot problem with gains that are known within bounds only: a solution that is guaranteed for
 //! all gains within the bounds (`docs/mathematics.md`, section 9).
 //!
@@ -20,7 +21,7 @@
 //! A sensor whose lower bound is 0 stays silent: in the worst case its whole symbol is missing,
 //! whatever its coefficient.
 //!
-//! Worst case: one exact slot, and [`BISECTIONS`] sums over the sensors.
+//! Worst case: one exact slot, and `BISECTIONS` sums over the sensors.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

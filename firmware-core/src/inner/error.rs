@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Errors for input that is not a slot problem.
 
 use core::{error::Error, fmt};
@@ -7,6 +8,7 @@ use crate::{scalar::Scalar, units::PowerGain};
 /// Error returned for input that is not a slot problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum SlotError<T: fmt::Display> {
     /// There are no sensors to average.
     NoSensors,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The global optimum of the slot problem in closed form (`docs/mathematics.md`, section 3).
 //!
 //! With `q = p |g|^2 / sigma^2`, `Q = p^max |g|^2 / sigma^2` and the levels of [`SensorField`], the

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Sensors sorted by strength, and the one-parameter family of amplitudes that contains the
 //! solutions of the slot problem (`docs/mathematics.md`, section 3).
 //!

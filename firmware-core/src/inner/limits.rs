@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The limits of a slot.
 
 use serde::{Deserialize, Serialize};

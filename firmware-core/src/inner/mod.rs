@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The slot problem (eq:p1): the powers, coefficients and normalizing factor that give the
 //! served user the highest rate while the average stays accurate.
 //!
@@ -16,6 +17,30 @@
 //! The result of a solve is a value: a slot in which no choice meets `Gamma` is
 //! [`Status::Infeasible`], with the least MSE that is possible. Errors are for input that is not a
 //! slot problem.
+
+//!
+//! ```
+//! use firmware_core::{PowerGain, Watt, inner::{SlotLimits, Status, Workspace}};
+//!
+//! let limits = SlotLimits {
+//!     sensor_power_max: Watt(0.05),
+//!     user_power_max: Watt(0.2),
+//!     noise_power: Watt::from_dbm(-95.0),
+//!     mse_threshold: 0.015,
+//! };
+//! let mut workspace = Workspace::<f64, 8>::default();
+//! let near = [PowerGain(4e-10), PowerGain(3e-10), PowerGain(5e-10)];
+//! let field = workspace.sensors(&limits, &near)?;
+//! let slot = field.solve(Some(PowerGain(2e-12)))?;
+//! assert!(slot.status.is_feasible() && slot.user_power.0 <= 0.2);
+//!
+//! // Sensors that are too far: no powers meet the threshold, and the least MSE is reported.
+//! let far = [PowerGain(4e-16); 3];
+//! let field = workspace.sensors(&limits, &far)?;
+//! let slot = field.solve(Some(PowerGain(2e-12)))?;
+//! assert!(matches!(slot.status, Status::Infeasible { .. }));
+//! # Ok::<(), firmware_core::inner::SlotError<f64>>(())
+//! ```
 
 mod allocation;
 pub mod alternating;

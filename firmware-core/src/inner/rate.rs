@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The rate of a user.
 
 use crate::scalar::Scalar;

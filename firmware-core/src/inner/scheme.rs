@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The paper's comparison schemes: one variable is fixed, the rest is still optimal, each in closed
 //! form (`docs/mathematics.md`, section 6, derives them).
 //!

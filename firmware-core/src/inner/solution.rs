@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The solution of a slot problem and its status.
 
 use serde::{Deserialize, Serialize};

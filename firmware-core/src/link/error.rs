@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The errors of the ground link.
 
 use super::message::PROTOCOL_VERSION;
@@ -47,6 +48,7 @@ pub enum Refusal {
 /// Error returned when the bytes between two delimiters are not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum FrameError {
     /// Longer than any frame.
     #[error("longer than any frame")]

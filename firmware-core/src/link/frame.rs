@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Encoder and decoder of frames.
 
 use crc::{CRC_32_ISO_HDLC, Crc};

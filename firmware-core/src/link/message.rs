@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The messages of the ground link, and the length of their frames.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The ground link: channel state in, slot commands out, over any stream of bytes.
 //!
 //! A frame is `0x00 COBS( version | postcard(message) | CRC-32 ) 0x00`:
@@ -18,6 +19,28 @@
 //! counter and a tag (`docs/link-protocol.md`), and all others are counted and dropped.
 //!
 //! Worst case without authentication: one pass over a frame of at most [`FRAME_MAX`] bytes.
+//!
+//! ```
+//! use firmware_core::{
+//!     PowerGain,
+//!     controller::ChannelState,
+//!     link::{Decoder, FRAME_MAX, Message, encode},
+//! };
+//!
+//! let state = Message::<f32, 16, 64>::ChannelState(ChannelState {
+//!     slot: 7,
+//!     user_gains: [PowerGain(2e-12)].into_iter().collect(),
+//!     sensor_gains: [PowerGain(4e-12), PowerGain(3e-12)].into_iter().collect(),
+//! });
+//! let mut frame = [0; FRAME_MAX];
+//! let frame = encode(&state, &mut frame)?;
+//! // Noise before the frame, and a byte of it lost in a first attempt.
+//! let stream = [&[1, 2, 3], &frame[..5], &frame[6..], frame].concat();
+//! let mut decoder = Decoder::<FRAME_MAX>::new();
+//! let received = stream.iter().filter_map(|&byte| decoder.push::<f32, 16, 64>(byte)?.ok());
+//! assert_eq!(received.collect::<Vec<_>>(), [state]);
+//! # Ok::<(), firmware_core::link::FrameTooLong>(())
+//! ```
 
 mod byte_stuffing;
 mod endpoint;

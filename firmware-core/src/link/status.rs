@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The vehicle's report about itself, sent once a slot: counters of everything that was received,
 //! dropped or missing.
 //!
@@ -19,6 +20,7 @@ use crate::{counter::MavlinkCounters, policy::PlanQuality};
 /// Counters of what a decoder of the ground link has received, one per outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct LinkCounters {
     /// Good frames.
     pub messages: u32,
@@ -89,6 +91,7 @@ impl SecurityCounters {
 /// Counters of slots and of what the ground sent for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct SlotCounters {
     /// Slots allocated from the channel state of that slot.
     pub measured: u32,

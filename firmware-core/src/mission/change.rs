@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Changes of what is known of a mission while it is flown.
 
 use core::{error::Error, fmt};
@@ -83,6 +84,7 @@ impl<T: Scalar> fmt::Display for MissionChange<T> {
 /// Error returned when a change is refused. The mission is then as before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum ChangeError<T: fmt::Display> {
     /// The changed mission is invalid.
     Invalid(MissionError<T>),

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The ranges of the parameters of a mission.
 
 use super::{

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The errors of a mission, which name the parameter and its value.
 
 use core::{error::Error, fmt};
@@ -75,6 +76,7 @@ impl fmt::Display for Parameter {
 /// Error returned when the mission is invalid. Every variant carries the invalid value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum MissionError<T: fmt::Display> {
     /// A number is NaN, infinite or outside its range.
     OutOfRange {

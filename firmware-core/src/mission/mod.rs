@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The validated parameters of a mission: the paper's Table I and the positions of everything.
 //!
 //! [`MissionParameters`] is the unchecked input; [`Mission::new`] is the only function that checks

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The unchecked parameters of a mission.
 
 use heapless::Vec;
@@ -64,6 +65,52 @@ pub struct MissionParameters<T: Scalar, const M: usize, const J: usize> {
     pub users: Vec<Position<T>, M>,
     /// `v_j`, the positions of the sensors.
     pub sensors: Vec<Position<T>, J>,
+}
+
+impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
+    /// Returns the values of the paper's Table I, without any user or sensor.
+    ///
+    /// ```
+    /// use firmware_core::{Mission, Position, mission::MissionParameters};
+    ///
+    /// let mission = Mission::new(MissionParameters::<f64, 4, 8> {
+    ///     users: [Position::new(200.0, 700.0)].into_iter().collect(),
+    ///     sensors: [Position::new(700.0, 100.0), Position::new(800.0, 300.0)].into_iter().collect(),
+    ///     ..MissionParameters::table_one()
+    /// })?;
+    /// assert_eq!((mission.slots(), mission.user_count(), mission.sensor_count()), (60, 1, 2));
+    /// # Ok::<(), firmware_core::mission::MissionError<f64>>(())
+    /// ```
+    pub fn table_one() -> Self {
+        let place = |x: f64, y: f64| Position::new(T::of(x), T::of(y));
+        Self {
+            slots: 60,
+            slot_duration_s: T::one(),
+            start: place(50.0, 50.0),
+            destination: place(950.0, 950.0),
+            area: Area {
+                east_m: T::of(1000.0),
+                north_m: T::of(1000.0),
+            },
+            altitude_m: T::of(100.0),
+            max_speed_mps: T::of(30.0),
+            carrier_hz: T::of(2e9),
+            environment: Environment {
+                a: T::of(9.613),
+                b: T::of(0.158),
+            },
+            excess_loss_db: ExcessLoss {
+                los: T::one(),
+                nlos: T::of(20.0),
+            },
+            noise_power: Watt::from_dbm(T::of(-95.0)),
+            mse_threshold: T::of(0.015),
+            user_power_max: Watt(T::of(0.2)),
+            sensor_power_max: Watt(T::of(0.05)),
+            users: Vec::new(),
+            sensors: Vec::new(),
+        }
+    }
 }
 
 /// `A` and `B` of eq:plos; `A` is also the elevation (degrees) around which the probability of

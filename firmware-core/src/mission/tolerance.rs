@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The accuracy up to which constraints on positions hold.
 
 use super::parameters::Area;

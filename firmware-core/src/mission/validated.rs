@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! A mission whose parameters have been checked.
 
 use serde::{Deserialize, Serialize};

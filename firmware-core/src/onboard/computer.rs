@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard computer: its parts and its state.
 
 use super::stage::{Fault, Stage};

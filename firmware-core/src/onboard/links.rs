@@ -1,10 +1,11 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The bytes of the two links: from bytes to messages, and from messages to bytes.
 
 use super::computer::Onboard;
 use crate::{
     autopilot::wire::{
         self, FrameBuffer,
-        signing::{Signer, Verifier},
+        signing::{self, LinkSigning, SigningState},
     },
     controller::{ChannelState, ControllerError},
     counter::count,
@@ -13,29 +14,43 @@ use crate::{
     scalar::Scalar,
     time::Instant,
 };
+use mavlink::dialects::common::MavMessage;
 
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
-    /// Signs every MAVLink frame from now on, and accepts only frames with a valid signature.
-    pub fn sign_with(&mut self, signer: Signer, verifier: Verifier) {
-        self.mavlink_out.sign_with(signer);
-        self.mavlink_in.require_signatures(verifier);
+    /// Signs every MAVLink frame from now on, and accepts only frames with a valid signature. Where
+    /// the key is the present one, times and replay state are kept.
+    pub fn sign_with(&mut self, signing: LinkSigning) {
+        signing::start(&mut self.mavlink_in, &mut self.mavlink_out, signing);
     }
 
-    /// Sets the clock of signatures, microseconds since 1970. It never goes back.
+    /// Sets the clock of signatures, microseconds since 1970. It never goes back; a date before 2015
+    /// or after 2099 changes nothing. A computer without a clock need not call it: it takes over the
+    /// times of accepted frames, and the date in a SYSTEM_TIME of its autopilot.
     pub fn set_signing_time(&mut self, unix_us: u64) {
-        if let Some(signer) = self.mavlink_out.signer_mut() {
-            signer.set_time(unix_us);
-        }
-        if let Some(verifier) = self.mavlink_in.verifier_mut() {
-            verifier.set_time(unix_us);
-        }
+        signing::set_time(&mut self.mavlink_in, &mut self.mavlink_out, unix_us);
+    }
+
+    /// Returns what has to be saved so that after a restart our frames are accepted, and replayed
+    /// ones are not; `None` if frames are not signed.
+    pub fn signing_state(&self) -> Option<SigningState> {
+        signing::state(&self.mavlink_in, &self.mavlink_out)
     }
 
     /// Takes bytes from the autopilot's link. With `datagram` set they are one datagram: an
     /// incomplete frame at its end is dropped.
     pub fn receive_mavlink(&mut self, now: Instant, bytes: &[u8], datagram: bool) {
         let (autopilot, unreadable) = (&mut self.autopilot, &mut self.mavlink_unreadable);
+        let mut date_us = None;
         let mut take = |frame: wire::Frame<'_>| match frame.client_message() {
+            // Only the autopilot's, as for every message, and of use only if it was signed.
+            Ok(Some(MavMessage::SYSTEM_TIME(time))) => {
+                if autopilot
+                    .vehicle()
+                    .is_some_and(|(address, _)| address == frame.sender())
+                {
+                    date_us = Some(time.time_unix_usec);
+                }
+            }
             Ok(Some(message)) => autopilot.receive(now, frame.sender(), &message),
             Ok(None) => {}
             // A value outside an enumeration is counted; the stream can be read on.
@@ -47,6 +62,10 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
         }
         while datagram && let Some(frame) = self.mavlink_in.end_of_datagram() {
             take(frame);
+        }
+        signing::synchronize(&mut self.mavlink_in, &mut self.mavlink_out);
+        if let Some(date_us) = date_us {
+            self.set_signing_time(date_us);
         }
     }
 

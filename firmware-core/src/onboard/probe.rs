@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Measurement of the computing time of a slot.
 
 /// One of the two computations of a slot, for measurements of their duration.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The slot cycle: plan, fly, report the arrival, allocate.
 
 use super::{

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The stages of a mission, and the reasons to abort it.
 
 use serde::{Deserialize, Serialize};
@@ -23,6 +24,7 @@ pub enum Stage {
 
 /// Error that made the onboard computer, and not the autopilot client, abort a mission.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Fault {
     /// The controller returned an error.
     #[error("controller: {0}")]

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The planner: a plan for the rest of a mission, improved while there is time.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The assignment of users to the slots of a path that maximizes the sum of rates, with every user
 //! in at least as many slots as its quota asks (eq:a3).
 //!

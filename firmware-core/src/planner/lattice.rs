@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The grid of nodes that the dynamic programme works on, and one step of it.
 //!
 //! The grid covers the places that a mission can still visit: the box around the ellipse whose

@@ -1,9 +1,11 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The planner's memory, which the caller provides.
 
 use crate::{mission::Mission, scalar::Scalar};
 
 /// Error returned when a planner cannot be created for a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlannerError {
     /// The mission exceeds the capacity.
     #[error("the mission has {got} {what}, but the planner holds at most {capacity}")]

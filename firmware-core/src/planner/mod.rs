@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! A planner for any mission: where to fly and whom to serve in the slots that remain, close to
 //! the optimum, improved step by step while there is time.
 //!

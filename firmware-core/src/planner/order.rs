@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Changes of the order of service, each evaluated with its best path.
 //!
 //! Improving path and assignment in turn stops where each is best for the other. Here both change

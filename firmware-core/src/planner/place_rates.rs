@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The rates of the users as a function of the vehicle's position.
 //!
 //! Rates come from the exact solution of the slot problem ([`crate::inner`]). The channel's

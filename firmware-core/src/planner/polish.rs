@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Continuous improvement of a path for a fixed order of service.
 //!
 //! A stencil of 5 x 5 candidate places surrounds each waypoint; dynamic programming finds the best

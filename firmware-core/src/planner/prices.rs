@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Prices of fairness: one multiplier `lambda_m` per user, added to its rate.
 //!
 //! At the right prices an unconstrained path serves every user as often as eq:a3 asks. They

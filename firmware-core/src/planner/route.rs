@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The constraints that make a path feasible from the present state: speed, area and arrival
 //! (eq:traj1, eq:traj2).
 

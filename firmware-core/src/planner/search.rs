@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The planner's work, divided into small steps, and the order of these steps.
 //!
 //! ```text

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Orders of service that meet the remaining quotas.
 
 use super::assignment;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The settings of the planner.
 
 /// Settings of the planner: how much work it does before it is finished.

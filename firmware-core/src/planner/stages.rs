@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The dynamic programme over (stage, node), and the path that follows its values.
 //!
 //! The slots that remain are divided into stages of equal length. During a stage the vehicle moves

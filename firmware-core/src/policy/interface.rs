@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The interface of a policy: observation in, action out.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Policies decide where to fly and which user to serve.
 //!
 //! A [`Policy`] receives an [`Observation`] (the paper's state `s_n`, M + 4 numbers) and returns an

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Trained policies as ONNX files, run by tract (feature `onnx`, needs std).
 //!
 //! The contract (`docs/training.md`): input `observation` f32\[1, M + 4\] in raw units, outputs
@@ -32,6 +33,7 @@ pub const FORMAT_VERSION: u32 = 1;
 
 /// Error returned when a file is not a valid policy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum OnnxError {
     /// tract cannot read or run the network.
     #[error("not a network that can be run: {reason}")]

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The origin of a trained policy: the mission that it was trained for, and the training run.
 
 use heapless::String;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The rule-based policies that the paper compares with.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The capabilities of a vehicle with inertia, and the steps from which it can still stop.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The quotas of the users, and the choice of the user to serve.
 
 use heapless::Vec;

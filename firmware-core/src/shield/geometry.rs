@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Discs and rectangles on the map.
 
 use crate::scalar::{Displacement, Position, Scalar};

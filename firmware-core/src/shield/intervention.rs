@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The record of what the shield changed.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The safety shield: enforces the mission's hard constraints on every action of a policy
 //! (`docs/mathematics.md`, section 4).
 //!
@@ -17,6 +18,30 @@
 //! `F_n` is the intersection of two discs and a rectangle. The nearest point of such a set is
 //! inside, or is the nearest point of one border, or a corner where two borders meet: at most 29
 //! candidates, each checked. Worst case: 29 candidates times 6 constraints, no iteration.
+//!
+//! ```
+//! use firmware_core::{
+//!     Displacement, Mission, Position,
+//!     mission::MissionParameters,
+//!     shield::{Intervention, ReachableSet, admissible_waypoint},
+//! };
+//!
+//! let mission = Mission::new(MissionParameters::<f64, 4, 8> {
+//!     users: [Position::new(200.0, 700.0)].into_iter().collect(),
+//!     sensors: [Position::new(700.0, 100.0)].into_iter().collect(),
+//!     ..MissionParameters::table_one()
+//! })?;
+//! let start = mission.parameters().start;
+//! let reachable = ReachableSet::of_slot(&mission, 1, start);
+//! // A policy that asks for a kilometre to the west, out of the area, in a slot of 30 m.
+//! let wish = Displacement::new(-1000.0, 0.0);
+//! let mut changed = Intervention::default();
+//! let waypoint = admissible_waypoint(&reachable, &wish, &mut changed);
+//! assert!(changed.any());
+//! assert!(reachable.contains(&waypoint));
+//! assert!(mission.parameters().area.contains(&waypoint));
+//! # Ok::<(), firmware_core::mission::MissionError<f64>>(())
+//! ```
 
 mod agility;
 mod fairness;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The set of admissible waypoints of a slot.
 
 use super::{

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The projection of a displacement onto the set of admissible waypoints.
 
 use super::{intervention::Intervention, reachable::ReachableSet};

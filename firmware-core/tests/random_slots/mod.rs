@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Slot problems for tests and benchmarks: typical ones and the corners of the domain, from a
 //! fixed seed.
 

@@ -6,7 +6,8 @@ use std::{path::Path, str::FromStr, sync::Arc};
 use clap::{Args, ValueEnum};
 use files::input;
 use firmware_core::{
-    console::{Footprint, MissionOrder, PolicyKind},
+    autopilot::wire::signing::LinkSigning,
+    console::{Footprint, MavlinkKey, MissionOrder, PolicyKind},
     link::Credentials,
 };
 use host_sim::{
@@ -85,6 +86,13 @@ impl GroundLink {
     }
 }
 
+/// The keys of a board's links.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BoardKeys<'a> {
+    pub(super) ground_link: Option<&'a Credentials>,
+    pub(super) mavlink: Option<&'a LinkSigning>,
+}
+
 /// A controller that has received its mission order.
 pub(super) enum OpenBoard {
     /// A board, connected by three TCP connections.
@@ -104,10 +112,11 @@ impl BoardChoice {
         &self,
         scenario: &Scenario,
         (policy, profile): (&PolicyChoice, Profile),
-        ground_link: Option<&Credentials>,
+        keys: BoardKeys<'_>,
     ) -> Result<OpenBoard, Failure> {
         let ordered = |policy_kind| MissionOrder {
-            ground_link: ground_link.cloned(),
+            ground_link: keys.ground_link.cloned(),
+            mavlink_key: keys.mavlink.cloned().map(MavlinkKey::from),
             ..order(scenario, profile, policy_kind)
         };
         match (&self.controller, policy) {

@@ -18,13 +18,14 @@ use host_sim::{
     session::Session,
 };
 use link::{
-    Link, LinkAddress, Port, key,
+    Link, LinkAddress, Port,
     lossy::{Impaired, Impairment},
     tlog::{TlogWriter, wall_clock_us},
 };
 use scenario::Scenario;
 use vehicle::Profile;
 
+use super::signing::KeyArguments;
 use super::{Failure, load_policy, load_scenario};
 
 /// The options for the connection to an autopilot.
@@ -49,10 +50,8 @@ pub(crate) struct AutopilotArguments {
     /// The scenario: a TOML file, or the name of a shipped scenario
     #[arg(long, default_value = "separated", value_name = "FILE")]
     pub(super) scenario: PathBuf,
-    /// Sign all sent messages with the key in this file, and accept only messages with a valid
-    /// signature
-    #[arg(long, value_name = "FILE")]
-    signing_key: Option<PathBuf>,
+    #[command(flatten)]
+    signing: KeyArguments,
     /// Inject faults into the link, for example
     /// loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
@@ -148,16 +147,15 @@ impl AutopilotArguments {
             ..flight::autopilot_settings(scenario, self.profile.unwrap_or(Profile::Multirotor))
         };
         let client = Autopilot::new(settings).map_err(Failure::bad_input)?;
-        let key = self.signing_key.as_deref().map(key::read).transpose();
-        let key = key.map_err(Failure::bad_input)?;
+        let signing = self.signing.load(1)?;
         let failed = |error| Failure::failed(format!("--link {}: {error}", self.link));
         let mut port = Port::new(
             impaired(self.link.open().map_err(failed)?, self.impair.as_ref()),
             client.own(),
         );
         port.log_to(self.log(command)?);
-        if let Some(key) = key {
-            port.sign_with(key, 1);
+        if let Some(signing) = signing {
+            port.sign_with(signing);
         }
         let patience = self.patience().min(flight::CONNECT_PATIENCE);
         eprintln!(

@@ -10,6 +10,7 @@ pub(crate) mod faults;
 pub(crate) mod plan;
 pub(crate) mod run;
 pub(crate) mod scenario;
+pub(crate) mod signing;
 pub(crate) mod solve;
 pub(crate) mod upload;
 pub(crate) mod vehicle;

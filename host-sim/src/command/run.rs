@@ -8,7 +8,10 @@ use std::{path::PathBuf, str::FromStr};
 
 use clap::Args;
 use environment::Allocation;
-use firmware_core::link::Credentials;
+use firmware_core::{
+    autopilot::wire::signing::{LinkSigning, SigningState},
+    link::Credentials,
+};
 use host_sim::{
     experiment::ideal_flight,
     flight::{
@@ -19,17 +22,20 @@ use host_sim::{
     policy::PolicyChoice,
     record::FlightRecord,
     report,
+    signing::SigningUpkeep,
     world::SYMBOLS_PER_SLOT,
 };
-use link::{LinkAddress, key, lossy::Impairment};
+use link::{LinkAddress, lossy::Impairment, tlog};
 use scenario::{Events, Scenario, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
 use super::{
     Failure,
-    board::{BoardChoice, GroundLink, OpenBoard, footprint_line},
+    board::{BoardChoice, BoardKeys, GroundLink, OpenBoard, footprint_line},
     doctor::{OwnAddressArguments, parse_mps},
-    load_policy, warn_of_policy,
+    load_policy,
+    signing::SigningArguments,
+    warn_of_policy,
 };
 use certified::certified_bound;
 use ending::OutputArguments;
@@ -65,10 +71,8 @@ pub(crate) struct RunArguments {
     /// the vehicle
     #[arg(long, value_name = "LINK")]
     also: Vec<LinkAddress>,
-    /// Sign all sent messages with the key in this file (64 hexadecimal digits or 32 bytes, mode
-    /// 600), and accept only messages with a valid signature
-    #[arg(long, value_name = "FILE")]
-    signing_key: Option<PathBuf>,
+    #[command(flatten)]
+    signing: SigningArguments,
     /// Authenticate the ground link between the ground and the onboard computer with the key in this
     /// file (64 hexadecimal digits, mode 600): see docs/security.md
     #[arg(long, value_name = "FILE")]
@@ -177,14 +181,12 @@ fn ideal_sum_rate(record: &FlightRecord, arguments: &RunArguments) -> Option<f64
 /// Like [`execute`], with the controller of a board.
 fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failure> {
     if arguments.inner != Allocation::Exact
-        || arguments.signing_key.is_some()
         || arguments.set_params
         || arguments.airframe_speed.is_some()
     {
         return Err(Failure::bad_input(
-            "a board supports only --inner exact, and neither signs messages nor sets parameters: \
-             --signing-key, --set-params and --airframe-speed need --controller in-process \
-             --precision f64",
+            "a board supports only --inner exact, and sets no parameters: --set-params and \
+             --airframe-speed need --controller in-process --precision f64",
         ));
     }
     if arguments.own.is_given() {
@@ -201,18 +203,29 @@ fn fly_board(arguments: &RunArguments, scenario: &Scenario) -> Result<(), Failur
     }
     let chosen = (&arguments.policy, arguments.profile.unwrap_or_default());
     let GroundLink { vehicle, ground } = GroundLink::of(arguments.ground_key.as_deref())?;
-    let opened = arguments.board.open(scenario, chosen, vehicle.as_ref())?;
+    let (signing, mut upkeep) = signing(arguments)?.unzip();
+    let keys = BoardKeys {
+        ground_link: vehicle.as_ref(),
+        mavlink: signing.as_ref(),
+    };
     let flown = (arguments, scenario, ground);
-    match opened {
-        OpenBoard::Image(mut image) => fly_ordered(flown, &mut *image, "in flash".into()),
-        OpenBoard::Twin(mut twin) => fly_ordered(flown, &mut *twin, arguments.policy.to_string()),
-    }
+    let flown = match arguments.board.open(scenario, chosen, keys)? {
+        OpenBoard::Image(mut image) => {
+            fly_ordered(flown, (&mut *image, upkeep.as_mut()), "in flash".into())
+        }
+        OpenBoard::Twin(mut twin) => {
+            let policy = arguments.policy.to_string();
+            fly_ordered(flown, (&mut *twin, upkeep.as_mut()), policy)
+        }
+    };
+    let saved = upkeep.map_or(Ok(()), SigningUpkeep::finish);
+    flown.and(saved.map_err(Failure::failed))
 }
 
 /// Flies with a controller that has its mission order.
 fn fly_ordered(
     (arguments, scenario, ground): (&RunArguments, &Scenario, Option<Credentials>),
-    computer: &mut impl OnboardComputer,
+    (computer, upkeep): (&mut impl OnboardComputer, Option<&mut SigningUpkeep>),
     policy: String,
 ) -> Result<(), Failure> {
     let trained_for = computer.scenario_digest();
@@ -220,7 +233,13 @@ fn fly_ordered(
     warn_of_policy(&policy, policy_warning.as_deref());
     let (mut prepared, _) = prepare(arguments, scenario, policy)?;
     prepared.settings.ground_link = ground;
-    end(fly(scenario, computer, prepared, policy_warning), arguments)
+    let flown = fly(scenario, computer, prepared, policy_warning);
+    // A board keeps nothing over a reset: its state is saved here, for its next order.
+    if let Some(upkeep) = upkeep {
+        let state = computer.signing_state().map_err(Failure::failed)?;
+        upkeep.note(|| state);
+    }
+    end(flown, arguments)
 }
 
 /// What every computer needs for a flight.
@@ -312,14 +331,22 @@ fn shows_events(arguments: &RunArguments) -> bool {
     arguments.link != LinkAddress::Builtin || arguments.speed != RealTimeFactor::Max
 }
 
+/// Reads the key and the state of our own signatures.
+fn signing(arguments: &RunArguments) -> Result<Option<(LinkSigning, SigningUpkeep)>, Failure> {
+    let date_us = match arguments.link {
+        LinkAddress::Builtin => tlog::SIMULATED_EPOCH_US,
+        _ => tlog::wall_clock_us(),
+    };
+    arguments.signing.load(1, date_us)
+}
+
 /// Creates the built-in vehicle or opens `--link`, and returns it with the settings of the client in
 /// this process.
 fn connect(
     arguments: &RunArguments,
     scenario: &Scenario,
 ) -> Result<(Peer, ClientSettings), Failure> {
-    let key = arguments.signing_key.as_deref().map(key::read).transpose();
-    let key = key.map_err(Failure::bad_input)?;
+    let signing = signing(arguments)?;
     let open = |option: &str, address: &LinkAddress| {
         let failed = |error| Failure::failed(format!("{option} {address}: {error}"));
         address.open().map_err(failed)
@@ -327,7 +354,11 @@ fn connect(
     let mut client = ClientSettings::default().with_address(arguments.own.address());
     let mut peer = if arguments.link == LinkAddress::Builtin {
         let mut vehicle = flight::vehicle_settings(scenario, arguments.profile.unwrap_or_default());
-        vehicle.signing = key.clone().map(|key| (key, 0));
+        vehicle.signing = signing.as_ref().map(|(signing, _)| LinkSigning {
+            link: 0,
+            state: SigningState::default(),
+            ..signing.clone()
+        });
         Peer::built_in(Vehicle::new(vehicle))
     } else {
         eprintln!(
@@ -346,8 +377,10 @@ fn connect(
     for address in &arguments.also {
         peer = peer.with_ground_station(&address.to_string(), open("--also", address)?);
     }
-    if let Some(key) = key {
-        client = client.signed_with(key);
+    if let Some((signing, upkeep)) = signing
+        && !arguments.board.is_selected()
+    {
+        client = client.signed_with(signing, upkeep);
     }
     if let Some(impairment) = &arguments.impair {
         peer = peer.impaired(impairment);

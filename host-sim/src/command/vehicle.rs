@@ -5,12 +5,16 @@ use std::{path::PathBuf, str::FromStr};
 use clap::Args;
 use firmware_core::time::Duration;
 use host_sim::serve::serve;
-use host_sim::{flight, interrupt};
-use link::{LinkAddress, key, lossy::Impairment, tlog};
+use host_sim::{flight, interrupt, signing::SigningUpkeep};
+use link::{LinkAddress, lossy::Impairment, tlog};
 use vehicle::{Airframe, Profile, Vehicle};
 
 use super::doctor::impaired;
+use super::signing::SigningArguments;
 use super::{Failure, load_scenario};
+
+/// The link id of a vehicle's signatures, as of the first link of an autopilot.
+const LINK: u8 = 0;
 
 /// The options of `host-sim vehicle`.
 #[derive(Debug, Args)]
@@ -44,10 +48,8 @@ pub(crate) struct VehicleArguments {
     /// Set a parameter to another value than the profile's default; may be given several times
     #[arg(long = "param", value_name = "NAME=VALUE", value_parser = parse_parameter)]
     parameters: Vec<(String, f32)>,
-    /// Sign all sent messages with the key in this file, and accept only messages with a valid
-    /// signature
-    #[arg(long, value_name = "FILE")]
-    signing_key: Option<PathBuf>,
+    #[command(flatten)]
+    signing: SigningArguments,
     /// Inject faults into the link, for example
     /// loss=0.2,duplicate=0.05,reorder=0.05,corrupt=0.01,delay-ms=40,seed=3
     #[arg(long, value_name = "FAULTS", value_parser = Impairment::from_str)]
@@ -100,9 +102,10 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
         }
     }
     settings.parameters.clone_from(&arguments.parameters);
-    if let Some(file) = &arguments.signing_key {
-        let key = key::read(file).map_err(Failure::bad_input)?;
-        settings.signing = Some((key, tlog::wall_clock_us()));
+    let mut upkeep = SigningUpkeep::default();
+    if let Some((signing, of_signing)) = arguments.signing.load(LINK, tlog::wall_clock_us())? {
+        settings.signing = Some(signing);
+        upkeep = of_signing;
     }
     let stop = interrupt::flag();
     let failed = |error| Failure::failed(format!("--listen {}: {error}", arguments.listen));
@@ -119,6 +122,8 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
         Vehicle::new(settings),
         arguments.speed,
         &stop,
+        &mut upkeep,
     )
-    .map_err(failed)
+    .map_err(failed)?;
+    upkeep.finish().map_err(Failure::failed)
 }

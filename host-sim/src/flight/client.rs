@@ -2,16 +2,16 @@
 //! may change in the vehicle, and its key on the ground link.
 
 use firmware_core::{
-    autopilot::{OwnAddress, wire::signing::SigningKey},
+    autopilot::{OwnAddress, wire::signing::LinkSigning},
     link::Credentials,
 };
 
-use crate::journal::ParameterJournal;
+use crate::{journal::ParameterJournal, signing::SigningUpkeep};
 
 /// The settings of the MAVLink client in this process.
 #[derive(Debug)]
 pub struct ClientSettings {
-    pub(super) key: Option<SigningKey>,
+    pub(super) signing: Option<(LinkSigning, SigningUpkeep)>,
     pub(super) sets_parameters: bool,
     pub(super) airframe_speed_mps: Option<f64>,
     pub(super) journal: Option<ParameterJournal>,
@@ -23,7 +23,7 @@ pub struct ClientSettings {
 impl Default for ClientSettings {
     fn default() -> Self {
         Self {
-            key: None,
+            signing: None,
             sets_parameters: false,
             airframe_speed_mps: None,
             journal: None,
@@ -35,9 +35,9 @@ impl Default for ClientSettings {
 }
 
 impl ClientSettings {
-    /// Makes the client sign its frames with this key and accept only frames signed with it.
-    pub fn signed_with(mut self, key: SigningKey) -> Self {
-        self.key = Some(key);
+    /// Makes the client sign its frames and accept only frames signed with the same key.
+    pub fn signed_with(mut self, signing: LinkSigning, upkeep: SigningUpkeep) -> Self {
+        self.signing = Some((signing, upkeep));
         self
     }
 

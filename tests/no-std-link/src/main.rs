@@ -11,7 +11,7 @@ use firmware_core::{
         frames::Geodetic,
         wire::{
             Decoder, Encoder, MAX_FRAME,
-            signing::{Signer, SigningKey, Verifier},
+            signing::{self, LinkSigning, SigningKey, SigningState},
         },
     },
     inner::{SlotLimits, Workspace},
@@ -54,11 +54,14 @@ fn heartbeat() -> i32 {
     let Ok(mut client) = Autopilot::new(settings) else {
         return 2;
     };
-    let key = SigningKey::new([1; 32]);
     let mut encoder = Encoder::new(client.own());
-    encoder.sign_with(Signer::new(key.clone(), 0, 0));
     let mut decoder = Decoder::in_order();
-    decoder.require_signatures(Verifier::new(key, 0));
+    let link = LinkSigning {
+        key: SigningKey::new([1; 32]),
+        link: 0,
+        state: SigningState::default(),
+    };
+    signing::start(&mut decoder, &mut encoder, link);
     let mut buffer = [0; MAX_FRAME];
     let Some(message) = client.poll(Instant::ZERO) else {
         return 3;

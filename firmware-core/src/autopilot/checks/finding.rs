@@ -1,9 +1,11 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! What the checks report about parameters.
 
 use core::fmt;
 
 /// A parameter that limits the mission, or that the operator should know of before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Finding {
     /// A parameter that limits the mission.
     Clips {

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Reads parameters, sets those that limit the mission, and restores them.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Parameters of the vehicle that are read before a flight: those that limit the mission, and
 //! settings of the autopilot's own failsafes.
 //!

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The parameters of each autopilot that are read, and what a mission needs of them.
 
 use super::finding::Finding;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Tests of the checks with a simulated autopilot.
 
 use std::string::ToString;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Acknowledged commands, one at a time: sent, repeated, given up.
 //!
 //! Each command is repeated with a rising `confirmation` until its COMMAND_ACK is received. Whether

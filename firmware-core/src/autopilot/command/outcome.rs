@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The outcome of a command.
 
 use mavlink::dialects::common::MavResult;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! A command that was sent and not completed: when it is repeated, and when it is given up.
 
 use mavlink::dialects::common::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavResult};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The commands that the client sends, and their parameters in a COMMAND_LONG.
 
 use core::fmt;

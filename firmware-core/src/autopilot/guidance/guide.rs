@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The reference over time: a sequence of trajectories.
 
 use nalgebra::Vector2;

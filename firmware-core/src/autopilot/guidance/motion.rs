@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The motion of a vehicle at one moment.
 
 use nalgebra::Vector2;

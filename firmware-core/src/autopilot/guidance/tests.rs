@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Laws of trajectories and of the reference.
 
 use proptest::prelude::*;

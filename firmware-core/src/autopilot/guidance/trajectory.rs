@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Trajectories: polynomials in time that keep the limits of the vehicle.
 
 use nalgebra::Vector2;

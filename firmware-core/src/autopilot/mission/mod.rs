@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Upload of a whole mission, which the autopilot then flies by itself.
 //!
 //! [`MissionPlan`] computes the mission items without storing them; [`MissionUpload`] transfers

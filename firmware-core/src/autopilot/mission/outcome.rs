@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The outcome of an upload, and the mission that is on the autopilot after it.
 
 use mavlink::dialects::common::MavMissionResult;
@@ -5,6 +6,7 @@ use thiserror::Error;
 
 /// Error returned when an upload has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
 pub enum UploadError {
     /// The autopilot stopped answering.
     #[error("no answer from the autopilot")]

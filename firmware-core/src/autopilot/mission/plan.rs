@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The items of a mission.
 
 use mavlink::dialects::common::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
@@ -36,6 +37,7 @@ pub struct MissionPlan<'a, T: Scalar> {
 
 /// Error returned when a plan cannot be uploaded.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
 pub enum PlanError {
     /// The plan has no waypoints.
     #[error("the mission has no waypoints")]

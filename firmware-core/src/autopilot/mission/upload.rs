@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The transfer of a mission to an autopilot.
 
 // Autopilots still use the request that MAVLink has since deprecated.

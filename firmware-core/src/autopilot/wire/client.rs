@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The messages between the client and an autopilot. A program that sends and takes only these
 //! does not contain the code for the rest of the dialect.
 
@@ -79,6 +80,7 @@ messages! {
         POSITION_TARGET_GLOBAL_INT(POSITION_TARGET_GLOBAL_INT_DATA),
         PARAM_VALUE(PARAM_VALUE_DATA),
         STATUSTEXT(STATUSTEXT_DATA),
+        SYSTEM_TIME(SYSTEM_TIME_DATA),
     }
     sent {
         HEARTBEAT,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Bytes to frames.
 
 use mavlink::calculate_crc;
@@ -69,9 +70,18 @@ impl Decoder {
         decoder
     }
 
-    /// Accepts only frames with a valid signature from now on.
-    pub fn require_signatures(&mut self, verifier: Verifier) {
+    /// Accepts only frames with a valid signature from now on. The replay state of an earlier
+    /// verifier with the same key is kept.
+    pub fn require_signatures(&mut self, mut verifier: Verifier) {
+        if let Some(older) = &self.verifier {
+            verifier.continue_from(older);
+        }
         self.verifier = Some(verifier);
+    }
+
+    /// Returns the verifier of signatures, for example to save its state.
+    pub fn verifier(&self) -> Option<&Verifier> {
+        self.verifier.as_ref()
     }
 
     /// Returns the verifier of signatures, for example to set its clock.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Messages to frames.
 
 use mavlink::dialects::common::{EstimatorStatusFlags, MavMessage, MavSeverity, STATUSTEXT_DATA};
@@ -29,9 +30,17 @@ impl Encoder {
         }
     }
 
-    /// Signs every frame from now on.
-    pub fn sign_with(&mut self, signer: Signer) {
+    /// Signs every frame from now on. The times of an earlier signer with the same key go on.
+    pub fn sign_with(&mut self, mut signer: Signer) {
+        if let Some(older) = &self.signer {
+            signer.continue_from(older);
+        }
         self.signer = Some(signer);
+    }
+
+    /// Returns the signer, for example to read its clock.
+    pub fn signer(&self) -> Option<&Signer> {
+        self.signer.as_ref()
     }
 
     /// Returns the signer, for example to set its clock.

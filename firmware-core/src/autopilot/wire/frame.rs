@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! A checked frame and the address of its sender.
 
 use mavlink::dialects::common::{
@@ -5,12 +6,13 @@ use mavlink::dialects::common::{
 };
 use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message};
+use serde::{Deserialize, Serialize};
 
 use super::client;
 use super::layout::{self, HEADER, SIGNED, ekf_status_report, field};
 
 /// The address of a sender or receiver: a system (vehicle, ground station) and a component in it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Address {
     /// System id, 1 to 255; 0 addresses every system.
     pub system: u8,

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The layout of a MAVLink 2 frame: named offsets and ranges, and the checksum seeds.
 //!
 //! ```text

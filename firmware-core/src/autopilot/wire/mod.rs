@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! MAVLink 2 on the wire: bytes to messages and back, without allocation.
 //!
 //! [`Decoder`] takes bytes in pieces of any size and returns complete frames with a correct

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Detection of duplicated and reordered frames.
 
 use super::frame::Address;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Decoding of frames among noise, truncated and damaged frames, and other dialects.
 
 use std::{vec, vec::Vec};
@@ -8,24 +9,23 @@ use mavlink::dialects::common::{
 };
 use proptest::prelude::*;
 
-use super::layout::{SIGNATURE, START};
-use super::signing::{Signer, SigningKey, Verifier};
+use super::layout::START;
 use super::*;
 use crate::counter::MavlinkCounters;
 
-const OWN: Address = Address {
+pub(super) const OWN: Address = Address {
     system: 7,
     component: 191,
 };
 
-fn position(x: f32) -> MavMessage {
+pub(super) fn position(x: f32) -> MavMessage {
     MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
         x,
         ..LOCAL_POSITION_NED_DATA::DEFAULT
     })
 }
 
-fn heartbeat() -> MavMessage {
+pub(super) fn heartbeat() -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: 4,
         mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
@@ -36,7 +36,7 @@ fn heartbeat() -> MavMessage {
     })
 }
 
-fn decode(decoder: &mut Decoder, mut bytes: &[u8]) -> Vec<MavMessage> {
+pub(super) fn decode(decoder: &mut Decoder, mut bytes: &[u8]) -> Vec<MavMessage> {
     let mut found = Vec::new();
     while let Some(frame) = decoder.next_frame(&mut bytes) {
         found.push(frame.message().unwrap());
@@ -117,74 +117,6 @@ fn duplicates_and_late_frames_are_dropped_where_order_counts() {
     // 299 has the sequence number 43; 0 after it is a sender that has restarted.
     assert_eq!(got, [0, 1, 3, 4, 299, 0, 1]);
     assert_eq!(decoder.counters().out_of_order, 3);
-}
-
-/// 2026-01-01, microseconds since 1970.
-const NOW_US: u64 = 1_767_225_600_000_000;
-
-fn signed(key: u8, link: u8, unix_us: u64) -> Encoder {
-    let mut encoder = Encoder::new(OWN);
-    encoder.sign_with(Signer::new(SigningKey::new([key; 32]), link, unix_us));
-    encoder
-}
-
-fn verifying(key: u8) -> Decoder {
-    let mut decoder = Decoder::new();
-    decoder.require_signatures(Verifier::new(SigningKey::new([key; 32]), NOW_US));
-    decoder
-}
-
-#[test]
-fn only_rightly_signed_fresh_frames_pass() {
-    let mut buffer = [0; MAX_FRAME];
-    let mut decoder = verifying(1);
-    let mut encoder = signed(1, 0, NOW_US);
-    let good = encoder.encode(&position(1.0), &mut buffer).to_vec();
-    assert_eq!(good.len(), 10 + 24 + 2 + 13 - (24 - good[1] as usize));
-    assert_eq!(decode(&mut decoder, &good).len(), 1);
-    // The same again, unsigned, with another key, damaged in the signature, a minute too old.
-    assert!(decode(&mut decoder, &good).is_empty());
-    let unsigned = Encoder::new(OWN)
-        .encode(&position(2.0), &mut buffer)
-        .to_vec();
-    assert!(decode(&mut decoder, &unsigned).is_empty());
-    let other = signed(2, 0, NOW_US)
-        .encode(&position(2.0), &mut buffer)
-        .to_vec();
-    assert!(decode(&mut decoder, &other).is_empty());
-    let mut damaged = encoder.encode(&position(2.0), &mut buffer).to_vec();
-    *damaged.last_mut().unwrap() ^= 1;
-    assert!(decode(&mut decoder, &damaged).is_empty());
-    let old = signed(1, 3, NOW_US - 61_000_000)
-        .encode(&position(2.0), &mut buffer)
-        .to_vec();
-    assert!(decode(&mut decoder, &old).is_empty());
-    let counters = decoder.counters();
-    assert_eq!(
-        (counters.replayed, counters.unsigned, counters.bad_signature),
-        (2, 1, 2)
-    );
-    assert_eq!(
-        decode(&mut decoder, encoder.encode(&position(3.0), &mut buffer)).len(),
-        1
-    );
-    // A reader without a key takes signed frames as they are.
-    assert_eq!(decode(&mut Decoder::new(), &good).len(), 1);
-}
-
-#[test]
-fn a_signature_has_the_bytes_of_the_standard() {
-    // Computed apart from this crate (hashlib): key 0..31, link 7, time 1234567.
-    let mut buffer = [0; MAX_FRAME];
-    let mut key = [0; 32];
-    key.iter_mut().zip(0..).for_each(|(byte, n)| *byte = n);
-    let unix_us = 1_420_070_400_000_000 + 10 * (1_234_567 - 1);
-    let mut encoder = Encoder::new(OWN);
-    encoder.sign_with(Signer::new(SigningKey::new(key), 7, unix_us));
-    let frame = encoder.encode(&heartbeat(), &mut buffer);
-    let (_, tail) = frame.split_at(frame.len() - SIGNATURE);
-    assert_eq!(tail[..7], [7, 0x87, 0xD6, 0x12, 0, 0, 0]);
-    assert_eq!(tail[7..], [139, 119, 113, 148, 14, 54]);
 }
 
 /// MavlinkCounters stay at their largest value, as those of the ground link do: 0 always means none.

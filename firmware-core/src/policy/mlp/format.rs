@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The format of a policy file.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -75,6 +76,7 @@ impl Header {
 
 /// Error returned when bytes are not a valid policy.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LoadError {
     /// The file is of another kind, or is incomplete.
     #[error("not a .policy file: it does not start with UAVP")]
@@ -147,6 +149,7 @@ pub enum LoadError {
 
 /// Error returned when a policy file cannot be written.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum WriteError {
     /// The file could not be loaded again.
     #[error(transparent)]

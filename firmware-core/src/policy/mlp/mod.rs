@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! A trained policy without an allocator: a multilayer perceptron that reads its weights in place,
 //! in flash or in a file's bytes.
 //!

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The network: loading, self-test and evaluation.
 
 use core::fmt;

@@ -9,7 +9,10 @@ use std::{
 };
 
 use firmware_core::{
-    autopilot::{Phase, wire::Decoder},
+    autopilot::{
+        Phase,
+        wire::{Decoder, signing::SigningState},
+    },
     console::{self, BoardReport, CONSOLE_FRAME_MAX, Call, Footprint, MissionOrder, Reports, Tick},
     onboard::Stage,
     time::Instant,
@@ -202,8 +205,10 @@ impl OnboardComputer for Image {
                 BoardReport::Tock(tock) => break tock,
                 BoardReport::Event(words) => self.events.push_back(words.as_str().into()),
                 BoardReport::Aborted(why) => self.aborted_because = Some(why.as_str().into()),
-                BoardReport::Ready { .. } | BoardReport::Refused(_) | BoardReport::Footprint(_) => {
-                }
+                BoardReport::Ready { .. }
+                | BoardReport::Refused(_)
+                | BoardReport::Footprint(_)
+                | BoardReport::Signing(_) => {}
             }
         };
         self.state = ComputerState::of_board(tock.stage, tock.phase, tock.place);
@@ -249,6 +254,15 @@ impl OnboardComputer for Image {
         loop {
             if let BoardReport::Footprint(footprint) = self.report()? {
                 return Ok(Some(footprint));
+            }
+        }
+    }
+
+    fn signing_state(&mut self) -> io::Result<Option<SigningState>> {
+        self.call(&Call::Signing)?;
+        loop {
+            if let BoardReport::Signing(state) = self.report()? {
+                return Ok(state);
             }
         }
     }

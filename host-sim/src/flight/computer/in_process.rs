@@ -5,11 +5,7 @@ use std::{collections::VecDeque, fmt, io};
 
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::{
-        self, Autopilot, Phase,
-        failsafe::Cause,
-        wire::signing::{Signer, Verifier},
-    },
+    autopilot::{self, Autopilot, Phase, failsafe::Cause, wire::signing::SigningState},
     controller::Controller,
     onboard::{Onboard, OnboardSettings},
     policy::Policy,
@@ -30,13 +26,13 @@ use crate::flight::{
     settings::{FlightSettings, autopilot_settings},
     stopwatch::Stopwatch,
 };
-
-/// The link id of the frames that we sign.
-const SIGNING_LINK: u8 = 1;
+use crate::signing::{SigningClock, SigningUpkeep};
 
 /// The onboard computer in this process, which flies under the policy `P`.
 pub struct InProcess<P> {
     onboard: Onboard<f64, P, USERS_MAX, SENSORS_MAX>,
+    /// The clock and the file of signatures.
+    upkeep: SigningUpkeep,
     profile: Option<Profile>,
     profile_choice: ProfileChoice,
     parameters: ChangedParameters,
@@ -74,10 +70,10 @@ impl<P: Policy<f64, USERS_MAX>> InProcess<P> {
             ..autopilot_settings(scenario, settings.profile)
         })?;
         let mut onboard = Onboard::new(OnboardSettings::default(), controller, autopilot);
-        if let Some(key) = client.key {
-            let unix_us = peer.unix_us(Instant::ZERO);
-            let signer = Signer::new(key.clone(), SIGNING_LINK, unix_us);
-            onboard.sign_with(signer, Verifier::new(key, unix_us));
+        let mut upkeep = SigningUpkeep::new(SigningClock::Unknown);
+        if let Some((signing, of_signing)) = client.signing {
+            onboard.sign_with(signing);
+            upkeep = of_signing;
         }
         if let Some(credentials) = client.ground_link {
             onboard.authenticate_ground(credentials);
@@ -86,6 +82,7 @@ impl<P: Policy<f64, USERS_MAX>> InProcess<P> {
         let given = (!client.profile_from_heartbeat).then_some(settings.profile);
         Ok(Self {
             onboard,
+            upkeep,
             profile: None,
             profile_choice: ProfileChoice::new(scenario, given),
             parameters: ChangedParameters::new(
@@ -104,7 +101,9 @@ impl<P: Policy<f64, USERS_MAX>> OnboardComputer for InProcess<P> {
 
     fn round(&mut self, input: &RoundInput<'_>) -> Result<Round, FlightError> {
         let now = input.now;
-        self.onboard.set_signing_time(input.unix_us);
+        if let Some(unix_us) = self.upkeep.date(input.unix_us) {
+            self.onboard.set_signing_time(unix_us);
+        }
         self.onboard.receive_ground(now, input.from_ground);
         for datagram in input.from_vehicle {
             self.onboard.receive_mavlink(now, datagram, true);
@@ -123,6 +122,10 @@ impl<P: Policy<f64, USERS_MAX>> OnboardComputer for InProcess<P> {
             self.profile = settled.or(self.profile);
         }
         (round.plan_us, round.allocate_us) = stopwatch.totals_us();
+        self.upkeep.note(|| self.onboard.signing_state());
+        if let Some(error) = self.upkeep.take_error() {
+            self.notices.push_back(Notice::Note(error.to_string()));
+        }
         Ok(round)
     }
 
@@ -165,6 +168,10 @@ impl<P: Policy<f64, USERS_MAX>> OnboardComputer for InProcess<P> {
             Phase::Disarming => Some("stopping the motors"),
             _ => None,
         })
+    }
+
+    fn signing_state(&mut self) -> io::Result<Option<SigningState>> {
+        Ok(self.onboard.signing_state())
     }
 
     fn aborted_because(&self) -> Option<String> {

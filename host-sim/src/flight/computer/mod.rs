@@ -28,7 +28,10 @@ use std::{fmt, io};
 
 use firmware_core::{
     Position, Scalar,
-    autopilot::{Phase, wire::MAX_FRAME},
+    autopilot::{
+        Phase,
+        wire::{MAX_FRAME, signing::SigningState},
+    },
     console::Footprint,
     link::FRAME_MAX,
     onboard::{Onboard, Stage},
@@ -189,6 +192,14 @@ pub trait OnboardComputer: fmt::Debug {
     /// # Errors
     /// Returns an error if the computer does not answer.
     fn footprint(&mut self) -> io::Result<Option<Footprint>> {
+        Ok(None)
+    }
+
+    /// Returns the state of MAVLink signing for the next flight, or `None` if frames are not signed.
+    ///
+    /// # Errors
+    /// Returns an error if the computer does not answer.
+    fn signing_state(&mut self) -> io::Result<Option<SigningState>> {
         Ok(None)
     }
 

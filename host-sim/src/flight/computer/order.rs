@@ -31,5 +31,6 @@ pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> 
         policy_kind,
         clock: Clock::Console,
         ground_link: None,
+        mavlink_key: None,
     }
 }

@@ -3,7 +3,7 @@
 use std::{io, sync::Arc};
 
 use firmware_core::{
-    autopilot::Phase,
+    autopilot::{Phase, wire::signing::SigningState},
     console::{
         BoardComputer, BoardPlanner, MissionOrder, OrderError, PLANNER_CAPACITY, PolicyKind,
         board_planner,
@@ -42,7 +42,7 @@ impl Twin {
         };
         let computer = order.build(trained.as_ref(), planner);
         let mut computer = computer.map_err(|refusal| refusal.to_string())?;
-        computer.launch(Instant::ZERO);
+        order.launch(&mut computer, Instant::ZERO);
         Ok(Self {
             computer: Box::new(computer),
             stop_asked: false,
@@ -107,6 +107,10 @@ impl OnboardComputer for Twin {
         self.stop_asked = true;
         let is_flying = self.computer.autopilot().phase() != Phase::Connecting;
         Ok(is_flying.then_some("landing"))
+    }
+
+    fn signing_state(&mut self) -> io::Result<Option<SigningState>> {
+        Ok(self.computer.signing_state())
     }
 
     fn aborted_because(&self) -> Option<String> {
