@@ -8,13 +8,16 @@ use crate::{
     },
     controller::{ChannelState, ControllerError},
     counter::count,
+    inner::SlotSolver,
     link::{self, FRAME_MAX, Message, NumberedChange},
     policy::Policy,
     scalar::Scalar,
     time::Instant,
 };
 
-impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
+    Onboard<T, P, M, J, S>
+{
     /// Signs every MAVLink frame from now on, and accepts only frames with a valid signature.
     pub fn sign_with(&mut self, signer: Signer, verifier: Verifier) {
         self.mavlink_out.sign_with(signer);

@@ -9,6 +9,7 @@ use crate::{
     autopilot::{Leg, LegEnd, Phase},
     controller::{ChannelSource, SlotCommand},
     counter::count,
+    inner::SlotSolver,
     limits::MotionLimits,
     link::Arrival,
     policy::Policy,
@@ -20,7 +21,9 @@ use crate::{
 /// The rest is needed for jerk and for following the reference.
 const RELIABLE_FRACTION: f64 = 0.5;
 
-impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
+    Onboard<T, P, M, J, S>
+{
     /// Returns when [`poll`](Self::poll) must be called next if nothing is received before.
     pub fn poll_at(&self, now: Instant) -> Instant {
         let next = self.autopilot.poll_at(now);

@@ -11,6 +11,7 @@ use firmware_core::{
         wire::signing::{Signer, Verifier},
     },
     controller::Controller,
+    inner::Method,
     onboard::{Onboard, OnboardSettings},
     policy::Policy,
     time::{Duration, Instant},
@@ -36,7 +37,7 @@ const SIGNING_LINK: u8 = 1;
 
 /// The onboard computer in this process, which flies under the policy `P`.
 pub struct InProcess<P> {
-    onboard: Onboard<f64, P, USERS_MAX, SENSORS_MAX>,
+    onboard: Onboard<f64, P, USERS_MAX, SENSORS_MAX, Method<f64>>,
     profile: Option<Profile>,
     profile_choice: ProfileChoice,
     parameters: ChangedParameters,
@@ -66,7 +67,7 @@ impl<P: Policy<f64, USERS_MAX>> InProcess<P> {
         let allowed = settings.inner.check(&scenario.mission);
         allowed.map_err(FlightError::Allocation)?;
         let method = settings.inner.method(&scenario.mission);
-        let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
+        let controller = Controller::with_solver(scenario.mission.clone(), policy, method);
         let autopilot = Autopilot::new(autopilot::AutopilotSettings {
             set_parameters: client.sets_parameters,
             airframe_speed_mps: client.airframe_speed_mps,
