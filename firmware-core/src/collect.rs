@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Collecting into vectors of a fixed capacity.
 
 use heapless::Vec;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Sorting of a few values without a panic.
 
 /// Sorts in ascending order. The sorts and selections of `core` contain a panic for an inconsistent

@@ -56,8 +56,7 @@ pub fn fly(
     policy: impl Policy<f64, USERS_MAX>,
     inner: Allocation,
 ) -> anyhow::Result<Flight> {
-    let mut controller =
-        Controller::new(mission.clone(), policy).with_method(inner.method(mission));
+    let mut controller = Controller::with_solver(mission.clone(), policy, inner.method(mission));
     let mut flight = Flight {
         sum_rate: 0.0,
         arrived: false,

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     collect::collect_first,
-    inner::{Method, SlotAllocation, SlotLimits, Workspace},
+    inner::{SlotAllocation, SlotLimits, SlotSolver, Workspace},
     mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
     shield::Fairness,
@@ -18,18 +18,18 @@ use crate::{
 
 /// Allocates slots: the limits of the mission, and the last channel state.
 #[derive(Clone, Debug)]
-pub(super) struct Allocator<T: Scalar, const M: usize, const J: usize> {
+pub(super) struct Allocator<T: Scalar, S, const M: usize, const J: usize> {
     limits: SlotLimits<T>,
-    pub(super) method: Method<T>,
+    solver: S,
     last_state: LastState<T, M, J>,
     workspace: Workspace<T, J>,
 }
 
-impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
-    pub(super) fn new(mission: &Mission<T, M, J>) -> Self {
+impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S, M, J> {
+    pub(super) fn new(mission: &Mission<T, M, J>, solver: S) -> Self {
         Self {
             limits: SlotLimits::of_mission(mission),
-            method: Method::Exact,
+            solver,
             last_state: LastState::none(),
             workspace: Workspace::default(),
         }
@@ -84,7 +84,7 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
             .workspace
             .sensors_of_amplitude(&self.limits, &amplitude_gains)
             .and_then(|field| {
-                field.allocate(&self.method, &amplitude_gains, user_gain, coefficients)
+                field.allocate(&self.solver, &amplitude_gains, user_gain, coefficients)
             });
         debug_assert!(allocation.is_ok(), "{allocation:?}");
         if let Ok(SlotAllocation { solution, mse }) = allocation {
@@ -101,7 +101,7 @@ impl<T: Scalar, const M: usize, const J: usize> Allocator<T, M, J> {
     }
 
     /// Returns the command of a slot without a channel state: from the last one, aged, and the
-    /// channel model at the measured position. The [`Method`] is not used.
+    /// channel model at the measured position. The solver is not used.
     pub(super) fn predicted(
         &mut self,
         mission: &Mission<T, M, J>,

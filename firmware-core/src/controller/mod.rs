@@ -50,7 +50,7 @@
 //! ```
 //!
 //! Worst case per slot: `plan` is the policy plus 29 shield candidates; `allocate` is `M + J`
-//! checks and one slot solution, `O(J log J)` by the default [`Method`]; `allocate_predicted` is `3
+//! checks and one slot solution, `O(J log J)` by the default [`ExactSolver`]; `allocate_predicted` is `3
 //! (M + J)` gains of the channel model and one guarantee.
 
 mod aging;
@@ -64,7 +64,7 @@ mod speed_estimator;
 use crate::{
     SENSORS_MAX, USERS_MAX,
     counter::count,
-    inner::Method,
+    inner::{ExactSolver, SlotSolver},
     limits::MotionLimits,
     mission::{Mission, MissionChange},
     policy::{Observation, Policy},
@@ -79,12 +79,19 @@ pub use error::ControllerError;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
 use speed_estimator::SpeedEstimator;
 
-/// The onboard controller: a mission, a policy, and the state between slots.
+/// The onboard controller: a mission, a policy, a solver of slot problems, and the state between
+/// slots.
 #[derive(Clone, Debug)]
-pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
+pub struct Controller<
+    T: Scalar,
+    P,
+    const M: usize = USERS_MAX,
+    const J: usize = SENSORS_MAX,
+    S = ExactSolver,
+> {
     mission: Mission<T, M, J>,
     policy: P,
-    allocator: Allocator<T, M, J>,
+    allocator: Allocator<T, S, M, J>,
     fairness: Fairness<M>,
     slots_done: u32,
     rate: T,
@@ -100,10 +107,20 @@ pub struct Controller<T: Scalar, P, const M: usize = USERS_MAX, const J: usize =
 }
 
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P, M, J> {
-    /// Creates a controller at rest before slot 1.
+    /// Creates a controller at rest before slot 1, which allocates slots by the exact method.
     pub fn new(mission: Mission<T, M, J>, policy: P) -> Self {
+        Self::with_solver(mission, policy, ExactSolver)
+    }
+}
+
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
+    Controller<T, P, M, J, S>
+{
+    /// As [`new`](Controller::new), with another solver: a [`Method`](crate::inner::Method), for
+    /// example.
+    pub fn with_solver(mission: Mission<T, M, J>, policy: P, solver: S) -> Self {
         Self {
-            allocator: Allocator::new(&mission),
+            allocator: Allocator::new(&mission, solver),
             fairness: Fairness::new(&mission),
             speed_estimator: SpeedEstimator::new(&mission),
             scored_users: mission.user_count(),
@@ -116,12 +133,6 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
             mse: T::zero(),
             under_way: None,
         }
-    }
-
-    /// Sets the method that slots are allocated by; the default is the exact one.
-    pub fn with_method(mut self, method: Method<T>) -> Self {
-        self.allocator.method = method;
-        self
     }
 
     /// Sets the limits of a vehicle with inertia: what it can be relied on to keep up, in any
@@ -310,7 +321,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Controller<T, P
     /// As [`allocate`](Self::allocate), for a slot whose channel state was not received: uses the
     /// last state, aged, and the channel model at the measured position. `Gamma` holds for every
     /// gain that the aged state allows. Where it cannot hold, users are silent and the average is
-    /// as accurate as can be guaranteed. The [`Method`] is not used.
+    /// as accurate as can be guaranteed. The solver is not used.
     ///
     /// # Errors
     /// Returns an error if no slot is under way, or if the position is not finite.

@@ -2,7 +2,7 @@
 //! From gains to powers, coefficients and the MSE that they give: the one path that the controller,
 //! the training environment and `host-sim solve` take.
 
-use super::{error::SlotError, level::SensorField, method::Method, solution::Solution};
+use super::{error::SlotError, level::SensorField, method::SlotSolver, solution::Solution};
 use crate::{aircomp, scalar::Scalar, units::PowerGain};
 
 /// A solved slot and the MSE of its average.
@@ -21,18 +21,18 @@ impl<T: Scalar> SensorField<'_, T> {
     /// that the field was made of, in the order in which the coefficients are wanted: the field
     /// keeps them sorted only.
     ///
-    /// Worst case: that of the method, and `O(J)`.
+    /// Worst case: that of the solver, and `O(J)`.
     ///
     /// # Errors
     /// Returns an error if the user's gain is NaN, infinite or negative.
     pub fn allocate(
         &self,
-        method: &Method<T>,
+        solver: &impl SlotSolver<T>,
         amplitude_gains: &[T],
         user: Option<PowerGain<T>>,
         coefficients: &mut [T],
     ) -> Result<SlotAllocation<T>, SlotError<T>> {
-        let solution = method.solve(self, user)?;
+        let solution = solver.solve(self, user)?;
         let signal_w = user.unwrap_or_default().0 * solution.user_power.0;
         let received =
             (amplitude_gains.iter())

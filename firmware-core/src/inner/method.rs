@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-//! The choice of a solver.
+//! The choice of a solver: [`ExactSolver`] at compile time, or a [`Method`] at run time.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,9 +24,36 @@ pub enum Method<T> {
     FixedSensorPower(Watt<T>),
 }
 
-impl<T: Scalar> Method<T> {
+/// A solver of slot problems.
+pub trait SlotSolver<T: Scalar> {
     /// Solves a slot with a user of gain `|g|^2` served, or nobody (`None`). The worst case is that
     /// of the method.
+    ///
+    /// # Errors
+    /// Returns an error if a gain is NaN, infinite or negative.
+    fn solve(
+        &self,
+        field: &SensorField<'_, T>,
+        user: Option<PowerGain<T>>,
+    ) -> Result<Solution<T>, SlotError<T>>;
+}
+
+/// The global optimum in closed form. A program with this solver alone does not contain the others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExactSolver;
+
+impl<T: Scalar> SlotSolver<T> for ExactSolver {
+    fn solve(
+        &self,
+        field: &SensorField<'_, T>,
+        user: Option<PowerGain<T>>,
+    ) -> Result<Solution<T>, SlotError<T>> {
+        field.solve(user)
+    }
+}
+
+impl<T: Scalar> Method<T> {
+    /// Solves a slot: see [`SlotSolver::solve`].
     ///
     /// # Errors
     /// Returns an error if a gain is NaN, infinite or negative.
@@ -44,5 +71,15 @@ impl<T: Scalar> Method<T> {
             Method::FixedUserPower(power) => field.with_fixed_user_power(user, *power),
             Method::FixedSensorPower(power) => field.with_fixed_sensor_power(user, *power),
         }
+    }
+}
+
+impl<T: Scalar> SlotSolver<T> for Method<T> {
+    fn solve(
+        &self,
+        field: &SensorField<'_, T>,
+        user: Option<PowerGain<T>>,
+    ) -> Result<Solution<T>, SlotError<T>> {
+        Self::solve(self, field, user)
     }
 }

@@ -59,5 +59,5 @@ pub use allocation::SlotAllocation;
 pub use error::SlotError;
 pub use level::{PrefixSum, SensorField, Workspace};
 pub use limits::SlotLimits;
-pub use method::Method;
+pub use method::{ExactSolver, Method, SlotSolver};
 pub use solution::{LimitedBy, Solution, Status};

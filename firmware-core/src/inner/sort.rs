@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Sorting of amplitudes.
 //!
 //! Runs of eight by a sorting network, then merges of neighbouring runs. The sorts of `core` take

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Consistent overhead byte stuffing (COBS), decoded in place.
 //!
 //! The crate `cobs` encodes; its decoders contain panics.

@@ -6,6 +6,7 @@ use crate::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{Autopilot, wire},
     controller::{ChannelState, Controller, SlotCommand},
+    inner::{ExactSolver, SlotSolver},
     link::{Arrival, Credentials, Endpoint, SecurityCounters, SlotCounters, VehicleStatus},
     policy::Policy,
     scalar::Scalar,
@@ -45,10 +46,16 @@ pub(super) struct Measuring<T: Scalar> {
 
 /// The onboard computer.
 #[derive(Debug)]
-pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
+pub struct Onboard<
+    T: Scalar,
+    P,
+    const M: usize = USERS_MAX,
+    const J: usize = SENSORS_MAX,
+    S = ExactSolver,
+> {
     pub(super) settings: OnboardSettings,
     pub(super) slot_duration_s: f64,
-    pub(super) controller: Controller<T, P, M, J>,
+    pub(super) controller: Controller<T, P, M, J, S>,
     pub(super) autopilot: Autopilot<T>,
     pub(super) stage: Stage,
     /// The flight starts as soon as the first plan is made.
@@ -71,11 +78,13 @@ pub struct Onboard<T: Scalar, P, const M: usize = USERS_MAX, const J: usize = SE
     pub(super) mavlink_unreadable: u32,
 }
 
-impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
+    Onboard<T, P, M, J, S>
+{
     /// Creates a computer before take-off that has received nothing from either side.
     pub fn new(
         settings: OnboardSettings,
-        controller: Controller<T, P, M, J>,
+        controller: Controller<T, P, M, J, S>,
         autopilot: Autopilot<T>,
     ) -> Self {
         let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
@@ -133,7 +142,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M
     }
 
     /// Returns the controller.
-    pub fn controller(&self) -> &Controller<T, P, M, J> {
+    pub fn controller(&self) -> &Controller<T, P, M, J, S> {
         &self.controller
     }
 

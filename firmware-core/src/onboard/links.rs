@@ -9,6 +9,7 @@ use crate::{
     },
     controller::{ChannelState, ControllerError},
     counter::count,
+    inner::SlotSolver,
     link::{FRAME_MAX, Message, NumberedChange},
     policy::Policy,
     scalar::Scalar,
@@ -16,7 +17,9 @@ use crate::{
 };
 use mavlink::dialects::common::MavMessage;
 
-impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize> Onboard<T, P, M, J> {
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
+    Onboard<T, P, M, J, S>
+{
     /// Signs every MAVLink frame from now on, and accepts only frames with a valid signature. Where
     /// the key is the present one, times and replay state are kept.
     pub fn sign_with(&mut self, signing: LinkSigning) {

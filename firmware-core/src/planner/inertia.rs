@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Paths for a vehicle with inertia: what they lose, and their continuous improvement for a fixed
 //! order of service.
 //!

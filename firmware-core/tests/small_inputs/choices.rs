@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! All combinations of a few values.
 
 /// The choices of one run of a harness.

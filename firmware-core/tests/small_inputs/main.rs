@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Laws over all inputs of small sizes.
 //!
 //! Each harness takes its input from [`choices`]. As a test it runs for every combination of the

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The readers of untrusted bytes: ground link, MAVLink, policy files.
 
 use firmware_core::{

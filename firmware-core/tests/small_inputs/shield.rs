@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The shield: waypoints and users.
 
 use firmware_core::{

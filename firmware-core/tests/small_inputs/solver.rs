@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The slot problem: constraints, optimality and guarantees.
 
 use firmware_core::{

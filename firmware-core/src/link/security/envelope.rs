@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The layout of an authenticated frame:
 //! `version | kind | nonce | counter | message | tag`, and the CRC of every frame.
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The shared key, the nonces of the ends, and the keys of a session.
 
 use core::fmt;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Authentication of the ground link with a shared key: see `docs/link-protocol.md` for the
 //! protocol and `docs/security.md` for what it protects.
 //!

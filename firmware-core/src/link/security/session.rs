@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The sessions of one end: which frames are taken, and which are refused.
 
 use serde::{Serialize, de::DeserializeOwned};

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! The protocol of sessions, and attacks on it: what somebody on the radio can do who reads, holds
 //! back, repeats and invents frames, and does not have the key.
 

@@ -7,6 +7,7 @@ use firmware_core::{
     SENSORS_MAX, USERS_MAX,
     autopilot::{self, Autopilot, Phase, failsafe::Cause, wire::signing::SigningState},
     controller::Controller,
+    inner::Method,
     onboard::{Onboard, OnboardSettings},
     policy::Policy,
     time::{Duration, Instant},
@@ -30,7 +31,7 @@ use crate::signing::{SigningClock, SigningUpkeep};
 
 /// The onboard computer in this process, which flies under the policy `P`.
 pub struct InProcess<P> {
-    onboard: Onboard<f64, P, USERS_MAX, SENSORS_MAX>,
+    onboard: Onboard<f64, P, USERS_MAX, SENSORS_MAX, Method<f64>>,
     /// The clock and the file of signatures.
     upkeep: SigningUpkeep,
     profile: Option<Profile>,
@@ -62,7 +63,7 @@ impl<P: Policy<f64, USERS_MAX>> InProcess<P> {
         let allowed = settings.inner.check(&scenario.mission);
         allowed.map_err(FlightError::Allocation)?;
         let method = settings.inner.method(&scenario.mission);
-        let controller = Controller::new(scenario.mission.clone(), policy).with_method(method);
+        let controller = Controller::with_solver(scenario.mission.clone(), policy, method);
         let autopilot = Autopilot::new(autopilot::AutopilotSettings {
             set_parameters: client.sets_parameters,
             airframe_speed_mps: client.airframe_speed_mps,

@@ -33,6 +33,7 @@ use firmware_core::{
         wire::{MAX_FRAME, signing::SigningState},
     },
     console::Footprint,
+    inner::SlotSolver,
     link::FRAME_MAX,
     onboard::{Onboard, Stage},
     policy::Policy,
@@ -76,11 +77,15 @@ pub struct Round {
 
 impl Round {
     /// Takes all frames that a computer has for both sides.
-    fn take_frames<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize>(
+    fn take_frames<T, P, const M: usize, const J: usize, S>(
         &mut self,
         now: Instant,
-        onboard: &mut Onboard<T, P, M, J>,
-    ) {
+        onboard: &mut Onboard<T, P, M, J, S>,
+    ) where
+        T: Scalar,
+        P: Policy<T, M>,
+        S: SlotSolver<T>,
+    {
         let mut buffer = [0; MAX_FRAME];
         while let Some(frame) = onboard.take_mavlink_frame(now, &mut buffer) {
             self.to_vehicle.push(frame.to_vec());
