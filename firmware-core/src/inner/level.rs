@@ -18,6 +18,7 @@
 use super::{
     error::{SlotError, check_gains},
     limits::SlotLimits,
+    prefix_sum::PrefixSum,
     sort::sort,
 };
 use crate::{scalar::Scalar, units::PowerGain};
@@ -67,13 +68,6 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         let room = (&mut self.amplitude[..], &mut self.sums[..]);
         SensorField::sorted(limits, amplitude_gains.iter().copied(), room)
     }
-}
-
-/// Sums over the sensors below an index in the sorted order.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PrefixSum<T> {
-    pub(super) amplitude: T,
-    pub(super) energy: T,
 }
 
 /// A level with the sums `A` and `E` at it, noise-normalized.
@@ -235,8 +229,8 @@ impl<'w, T: Scalar> SensorField<'w, T> {
 
     /// Returns the level at which all sensors transmit with full power: the strongest amplitude.
     pub(super) fn at_full_power(&self) -> Level<T> {
-        let (segment, strongest) = self.segment(self.sensor_count().saturating_sub(1));
-        segment.level(strongest)
+        let last = self.sensor_count().saturating_sub(1);
+        self.segment(last).level(self.strongest())
     }
 
     /// Returns the level with the least `c` that satisfies a predicate of levels, where that is
@@ -253,8 +247,8 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         let (mut low, mut high) = (0, self.sensor_count().saturating_sub(1));
         while low < high {
             let middle = low + (high - low) / 2;
-            let (segment, c) = self.segment(middle);
-            if c >= ceiling || enough(segment, c) {
+            let c = self.upper_end(middle);
+            if c >= ceiling || enough(self.segment(middle), c) {
                 high = middle;
             } else {
                 low = middle + 1;
@@ -262,8 +256,8 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         }
         let weaker = low.checked_sub(1).and_then(|k| self.amplitude.get(k));
         let floor = weaker.copied().unwrap_or_default();
-        let (segment, end) = self.segment(low);
-        let top = end.min(ceiling);
+        let segment = self.segment(low);
+        let top = self.upper_end(low).min(ceiling);
         let c = within(segment);
         // Where rounding leads out of the segment, its end is returned; also for a quotient 0/0,
         // which occurs only in an empty segment.
@@ -271,14 +265,18 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         segment.level(c)
     }
 
-    /// Returns segment `k` and its upper end, `a_k`. There are `J` segments, `J >= 1`, and callers
-    /// ask for no other, so the defaults are never used.
-    fn segment(&self, k: usize) -> (Segment<T>, T) {
-        let segment = Segment {
+    /// Returns segment `k`. There are `J` segments, `J >= 1`, and callers ask for no other, so the
+    /// default is never used.
+    fn segment(&self, k: usize) -> Segment<T> {
+        Segment {
             strong: T::count(self.sensor_count().saturating_sub(k)),
             below: self.sums.get(k).copied().unwrap_or_default(),
-        };
-        (segment, self.amplitude.get(k).copied().unwrap_or_default())
+        }
+    }
+
+    /// Returns the upper end of segment `k`, `a_k`; as [`segment`](Self::segment).
+    fn upper_end(&self, k: usize) -> T {
+        self.amplitude.get(k).copied().unwrap_or_default()
     }
 
     /// Returns `c*`: the level where `E - c A` reaches 0, or the strongest amplitude where it never

@@ -50,6 +50,7 @@ pub mod exact;
 mod level;
 mod limits;
 mod method;
+mod prefix_sum;
 mod rate;
 mod scheme;
 mod solution;
@@ -57,7 +58,8 @@ mod sort;
 
 pub use allocation::SlotAllocation;
 pub use error::SlotError;
-pub use level::{PrefixSum, SensorField, Workspace};
+pub use level::{SensorField, Workspace};
 pub use limits::SlotLimits;
 pub use method::{ExactSolver, Method, SlotSolver};
+pub use prefix_sum::PrefixSum;
 pub use solution::{LimitedBy, Solution, Status};

@@ -7,7 +7,7 @@
 //!
 //! Worst case: `O(J log J)`, and few instructions more than on average.
 
-use super::level::PrefixSum;
+use super::prefix_sum::PrefixSum;
 use crate::{scalar::Scalar, sort::insertion_sort};
 
 /// The length of the runs that the network sorts.
