@@ -181,7 +181,7 @@ fn a_key_must_be_private_and_the_right_one() {
     let mut times = Vec::new();
     for _ in 0..2 {
         run(&kept, 0);
-        let saved: serde_json::Value = serde_json::from_slice(&fs::read(&state).unwrap()).unwrap();
+        let saved: Value = serde_json::from_slice(&fs::read(&state).unwrap()).unwrap();
         times.push(saved["time"].as_u64().unwrap());
     }
     assert!(times[0] < times[1], "{times:?}");
