@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 //! Running sums over sorted sensors.
 
 /// Sums over the sensors below an index in the sorted order.

@@ -3,10 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{
-    security,
-    status::{SecurityCounters, VehicleStatus},
-};
+use super::status::{SecurityCounters, VehicleStatus};
 use crate::{
     SENSORS_MAX, USERS_MAX,
     controller::{ChannelState, DatedChange, Plan, SlotCommand},
@@ -20,12 +17,21 @@ pub const PROTOCOL_VERSION: u8 = 4;
 /// The version of authenticated frames: the messages are those of [`PROTOCOL_VERSION`].
 pub const SECURE_VERSION: u8 = 64 + PROTOCOL_VERSION;
 
+/// The length of the nonce in an authenticated frame, bytes.
+pub(super) const NONCE: usize = 16;
+
+/// The length of the tag, bytes: half of the hash, the least that RFC 2104 recommends.
+pub(super) const TAG: usize = 16;
+
+/// The bytes that authentication adds to a frame, before COBS: kind, nonce, counter and tag.
+const AUTHENTICATION: usize = 1 + NONCE + 4 + TAG;
+
 /// The longest frame at the default capacities, in double precision, authenticated or not.
 pub const FRAME_MAX: usize = secure_frame_max(USERS_MAX, SENSORS_MAX);
 
 /// Returns the length of the longest authenticated frame: see [`frame_max`].
 pub const fn secure_frame_max(users: usize, sensors: usize) -> usize {
-    framed(plain_max(users, sensors) + security::OVERHEAD)
+    framed(plain_max(users, sensors) + AUTHENTICATION)
 }
 
 /// Returns the length of the longest frame without authentication for up to so many users and

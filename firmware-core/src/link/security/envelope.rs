@@ -4,31 +4,15 @@
 
 use serde::Serialize;
 
-use super::key::{MacKey, Nonce, TAG};
+use super::key::{Kind, MacKey, Nonce};
 use crate::link::{
     error::FrameTooLong,
     frame::wrap,
-    message::{FRAME_MAX, SECURE_VERSION},
+    message::{FRAME_MAX, NONCE, SECURE_VERSION, TAG},
 };
 
-/// The kind of an authenticated frame. It is a part of the key's derivation and of what the tag
-/// covers: a frame of one kind is never valid as one of another.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub(super) enum Kind {
-    /// To the ground: the nonce of the vehicle's next session.
-    Offer = 0,
-    /// To the ground, within a session.
-    ToGround = 1,
-    /// To the vehicle, within a session. The first one, without a message, begins it.
-    ToVehicle = 2,
-}
-
 /// The length of version, kind, nonce and counter.
-const HEADER: usize = 1 + 1 + Nonce::LENGTH + 4;
-
-/// The bytes that authentication adds to a frame, before COBS.
-pub(in crate::link) const OVERHEAD: usize = HEADER - 1 + TAG;
+const HEADER: usize = 1 + 1 + NONCE + 4;
 
 /// What precedes the message in an authenticated frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

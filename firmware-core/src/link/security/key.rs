@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-//! The shared key, the nonces of the ends, and the keys of a session.
+//! The shared key, the nonces of the ends, and the keys of a session and its kinds of frames.
 
 use core::fmt;
 
@@ -8,13 +8,23 @@ use serde::{Deserialize, Serialize};
 use sha2::Sha256;
 use zeroize::Zeroize;
 
-use super::envelope::Kind;
+use crate::link::message::{NONCE, TAG};
 
 /// Separates these keys from any other use of the same shared key.
 const LABEL: &[u8] = b"aircomp ground link 1";
 
-/// The length of a tag, bytes: half of the hash, the least that RFC 2104 recommends.
-pub(super) const TAG: usize = 16;
+/// The kind of an authenticated frame. It is a part of the key's derivation and of what the tag
+/// covers: a frame of one kind is never valid as one of another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Kind {
+    /// To the ground: the nonce of the vehicle's next session.
+    Offer = 0,
+    /// To the ground, within a session.
+    ToGround = 1,
+    /// To the vehicle, within a session. The first one, without a message, begins it.
+    ToVehicle = 2,
+}
 
 /// The secret that both ends of the ground link share. `Debug` does not print it, and its bytes are
 /// overwritten when it is dropped.
@@ -37,7 +47,7 @@ impl GroundKey {
         self.derive(direction, &[vehicle.to_bytes(), ground.to_bytes()])
     }
 
-    fn derive(&self, kind: Kind, nonces: &[[u8; Nonce::LENGTH]]) -> MacKey {
+    fn derive(&self, kind: Kind, nonces: &[[u8; NONCE]]) -> MacKey {
         let mut mac = keyed(&self.0);
         mac.update(LABEL);
         mac.update(&[kind as u8]);
@@ -103,8 +113,6 @@ pub(super) struct Nonce {
 }
 
 impl Nonce {
-    pub(super) const LENGTH: usize = 16;
-
     /// Returns the nonce of an end's first session.
     pub(super) fn first(start: [u8; 12]) -> Self {
         Self { start, session: 0 }
@@ -116,13 +124,13 @@ impl Nonce {
         Some(Self { session, ..self })
     }
 
-    pub(super) fn to_bytes(self) -> [u8; Self::LENGTH] {
+    pub(super) fn to_bytes(self) -> [u8; NONCE] {
         let [a, b, c, d, e, f, g, h, i, j, k, l] = self.start;
         let [m, n, o, p] = self.session.to_le_bytes();
         [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]
     }
 
-    pub(super) fn from_bytes(bytes: &[u8; Self::LENGTH]) -> Self {
+    pub(super) fn from_bytes(bytes: &[u8; NONCE]) -> Self {
         let [start @ .., m, n, o, p] = *bytes;
         Self {
             start,

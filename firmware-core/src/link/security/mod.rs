@@ -25,7 +25,6 @@ mod envelope;
 mod key;
 mod session;
 
-pub(in crate::link) use envelope::OVERHEAD;
 pub use key::{Credentials, GroundKey};
 pub(in crate::link) use session::{Authenticator, Side};
 

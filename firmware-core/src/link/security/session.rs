@@ -4,8 +4,8 @@
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{
-    envelope::{Envelope, Header, Kind, seal},
-    key::{Credentials, GroundKey, MacKey, Nonce},
+    envelope::{Envelope, Header, seal},
+    key::{Credentials, GroundKey, Kind, MacKey, Nonce},
 };
 use crate::{
     counter::count,
