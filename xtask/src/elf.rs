@@ -83,14 +83,15 @@ pub(crate) fn panic_locations(path: &Path, root: &Path) -> Result<Vec<String>> {
 
 /// Returns the name of a source file without the place of the workspace, the library or the registry.
 fn shown<'n>(name: &'n str, root: &Path) -> &'n str {
+    // First, because an unpacked compiler is below the workspace.
+    if let Some((_, file)) = name.split_once("/rust/library/") {
+        return file;
+    }
     if let Some(file) = Path::new(name)
         .strip_prefix(root)
         .ok()
         .and_then(Path::to_str)
     {
-        return file;
-    }
-    if let Some((_, file)) = name.split_once("/rust/library/") {
         return file;
     }
     let registry = name.split_once("/registry/src/");
