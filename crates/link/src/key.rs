@@ -2,7 +2,7 @@
 //! 64 hexadecimal digits.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 use firmware_core::{
@@ -56,10 +56,10 @@ pub enum KeyError {
 /// # Errors
 /// Returns an error if the file cannot be read, is accessible to others, or does not contain a key.
 pub fn read(path: &Path) -> Result<SigningKey, KeyError> {
-    let bytes = content(path)?;
-    parse(&bytes).ok_or_else(|| KeyError::Format {
+    let content = content(path)?;
+    parse(content.bytes()).ok_or_else(|| KeyError::Format {
         path: path.display().to_string(),
-        length: bytes.len(),
+        length: content.length,
     })
 }
 
@@ -69,7 +69,7 @@ pub fn read(path: &Path) -> Result<SigningKey, KeyError> {
 /// Returns an error if the file cannot be read, is accessible to others, or does not contain 64
 /// hexadecimal digits.
 pub fn read_ground(path: &Path) -> Result<GroundKey, KeyError> {
-    let digits = hexadecimal(&content(path)?);
+    let digits = hexadecimal(content(path)?.bytes());
     let key = digits.map(GroundKey::new);
     key.ok_or_else(|| KeyError::NotHexadecimal {
         path: path.display().to_string(),
@@ -88,13 +88,26 @@ pub fn credentials(key: &GroundKey) -> Result<Credentials, KeyError> {
     Ok(Credentials { key, start })
 }
 
+/// The beginning of a key file: enough to see that it is too long. It is erased when it is dropped,
+/// and nothing of it is copied.
+struct Content {
+    bytes: Zeroizing<[u8; 67]>,
+    length: usize,
+}
+
+impl Content {
+    fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+}
+
 /// Reads the beginning of a file that only its owner can read and change.
-fn content(path: &Path) -> Result<Zeroizing<Vec<u8>>, KeyError> {
+fn content(path: &Path) -> Result<Content, KeyError> {
     let failed = |error| KeyError::Read {
         path: path.display().to_string(),
         error,
     };
-    let file = File::open(path).map_err(failed)?;
+    let mut file = File::open(path).map_err(failed)?;
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -108,10 +121,18 @@ fn content(path: &Path) -> Result<Zeroizing<Vec<u8>>, KeyError> {
             });
         }
     }
-    // The capacity suffices: no copy of the key is left behind by a growing vector.
-    let mut bytes = Zeroizing::new(Vec::with_capacity(128));
-    file.take(67).read_to_end(&mut bytes).map_err(failed)?;
-    Ok(bytes)
+    let mut content = Content {
+        bytes: Zeroizing::new([0; 67]),
+        length: 0,
+    };
+    loop {
+        match file.read(&mut content.bytes[content.length..]) {
+            Ok(0) => return Ok(content),
+            Ok(read) => content.length += read,
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(failed(error)),
+        }
+    }
 }
 
 fn parse(bytes: &[u8]) -> Option<SigningKey> {

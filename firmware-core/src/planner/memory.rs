@@ -104,7 +104,7 @@ impl Capacity {
 
     /// Returns how many bytes the planner needs beside the numbers.
     pub const fn indices(&self) -> usize {
-        3 * self.slots + self.slots * super::inertia::PAIRS
+        3 * self.slots + self.slots * super::polish_pairs::PAIRS
     }
 
     /// Returns the whole size in bytes, for numbers of type `T`.
@@ -199,7 +199,7 @@ impl<'a, T> Parts<'a, T> {
             best: path(values, bytes),
             current: path(values, bytes),
             trial: path(values, bytes),
-            back: take(bytes, c.slots * super::inertia::PAIRS),
+            back: take(bytes, c.slots * super::polish_pairs::PAIRS),
         }
     }
 }

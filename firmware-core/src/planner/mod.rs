@@ -59,6 +59,7 @@ mod memory;
 mod order;
 mod place_rates;
 mod polish;
+mod polish_pairs;
 mod prices;
 mod route;
 mod search;

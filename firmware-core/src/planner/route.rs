@@ -47,7 +47,7 @@ impl<T: Scalar> Route<T> {
         );
         Self {
             from,
-            inertia: Inertia::of_vehicle(mission, from, agility),
+            inertia: Inertia::of_vehicle(mission, (from, slots), agility),
             destination: p.destination,
             area: p.area,
             slots,

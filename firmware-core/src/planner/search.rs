@@ -13,11 +13,12 @@
 
 use super::{
     PlannerSettings, assignment,
-    inertia::{Inertia, PairChains},
+    inertia::Inertia,
     memory::{Capacity, Parts},
     order::{self, Change, Tables},
     place_rates::{GAIN_ENTRIES, GainScale, PlaceRates},
     polish::{self, Chains},
+    polish_pairs::PairChains,
     prices::Prices,
     route::Route,
     stages::{Stages, Worth},
@@ -519,7 +520,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             total += row.get(usize::from(user)).copied().unwrap_or(T::zero());
         }
         let inertia = self.route.inertia.as_ref();
-        let loss = inertia.map_or(T::zero(), |inertia| inertia.loss(&self.route, &parts.trial));
+        let loss = inertia.map_or(T::zero(), |inertia| inertia.loss(&parts.trial));
         total -= loss;
         let gain = total - self.current_total;
         let adopted = gain > T::zero() || trial == Trial::First;

@@ -10,7 +10,7 @@ use crate::{
 
 /// The fraction of `V_max delta` within which a vehicle with inertia is to arrive. If it turns back
 /// as late as possible, every inaccuracy of its flight adds to the distance that remains.
-pub(super) const ARRIVAL_FRACTION: f64 = 0.3;
+pub(crate) const ARRIVAL_FRACTION: f64 = 0.3;
 
 /// The fraction of `V_max delta` past the destination within which a vehicle with inertia must be
 /// able to stop.

@@ -50,6 +50,8 @@ mod intervention;
 mod reachable;
 mod waypoint;
 
+#[cfg(feature = "planner")]
+pub(crate) use agility::ARRIVAL_FRACTION;
 pub use agility::Agility;
 #[cfg(feature = "planner")]
 pub(crate) use fairness::reduce_to;
