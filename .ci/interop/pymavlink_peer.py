@@ -115,13 +115,18 @@ def missions():
                     )
                 )
             link.waypoint_count_send(loader.count())
-            result = None
+            result, refused = None, 0
             while result is None:
                 message = link.recv_match(
                     type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=3
                 )
                 check(message is not None, f"{profile}: the upload stalls")
-                if message.get_type() == "MISSION_ACK":
+                if message.get_type() == "MISSION_ACK" and message.type == 4 and refused < 10:
+                    # ArduCopter has no space for a mission in its first seconds.
+                    refused += 1
+                    time.sleep(0.1)
+                    link.waypoint_count_send(loader.count())
+                elif message.get_type() == "MISSION_ACK":
                     result = message.type
                 else:
                     item = loader.wp(message.seq)
@@ -220,11 +225,14 @@ def no_clock():
             sent = record_sent(link)
             begun = now()
             check(greet(link), "a vehicle without a clock is not heard")
-            check(link.mav.signing.badsig_count == 0, "bad signatures")
+            # What it sent before it took over our time had an old one, and was rightly refused.
+            early = link.mav.signing.badsig_count
+            check(early < 10, f"{early} frames with bad signatures before it took over our time")
             streams = link.mav.signing.stream_timestamps
             check(set(streams) == {(7, 1, 1)}, f"link id and sender: {streams}")
             check(begun - 100_000 <= streams[7, 1, 1] <= now(), "it signs with another time than ours")
             read_mission(link)
+            check(link.mav.signing.badsig_count == early, "bad signatures without a clock")
             requests = [frame for frame in sent if frame[7] == 43]  # MISSION_REQUEST_LIST
             check(len(requests) == 1, "no request was recorded")
             check(not answers_replayed(vehicle, key, requests), "answers a replayed request")
