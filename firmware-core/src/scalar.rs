@@ -17,9 +17,10 @@ pub trait Scalar:
     /// Returns this value as `f64`, exactly.
     fn to_f64(self) -> f64;
     /// Converts a count to a number; exact up to 2^24 for `f32`.
-    fn count(n: usize) -> Self {
-        Self::of(n as f64)
-    }
+    fn count(n: usize) -> Self;
+    /// Returns the number without its fraction; 0 for a negative number or NaN, and the largest
+    /// count for one that is too large.
+    fn whole(self) -> usize;
     /// Returns whether the value is neither NaN nor infinite. (This is `RealField::is_finite` under
     /// a name that does not collide.)
     fn finite(self) -> bool;
@@ -56,6 +57,12 @@ macro_rules! scalar {
             }
             fn to_f64(self) -> f64 {
                 f64::from(self)
+            }
+            fn count(n: usize) -> Self {
+                n as $t
+            }
+            fn whole(self) -> usize {
+                self as usize
             }
             fn finite(self) -> bool {
                 <$t>::is_finite(self)

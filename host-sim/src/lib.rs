@@ -12,6 +12,7 @@
 //! | [`policy`] | the policies that can be named on a command line |
 //! | [`record`], [`report`] | the record of a flight, and the pages made from it |
 //! | [`journal`] | the parameters that were changed in a vehicle and are not restored yet |
+//! | [`processor_time`] | how long something takes, on a busy machine too |
 //! | [`experiment`], [`benchmark`] | the figures of the paper; policies on many missions |
 //!
 //! Scenarios, the bound and the search, vehicles, links and reference solvers are separate crates:
@@ -26,6 +27,7 @@ pub mod interrupt;
 pub mod journal;
 pub mod nomographic;
 pub mod policy;
+pub mod processor_time;
 pub mod record;
 pub mod report;
 pub mod serve;

@@ -210,6 +210,52 @@ fn the_benchmark_compares_policies_with_bounds_and_resumes() {
     assert!(rows[2].starts_with("| plan | 2 | 2 | 0.9"), "{written}");
     let columns = |row: &str| row.matches('|').count();
     assert!(rows.iter().all(|row| columns(row) == columns(rows[0])));
+
+    // With a body, the flights of the ideal vehicle are known already.
+    let page = folder.path().join("page.html");
+    let written = ["--results", text(&results), "--page", text(&page), "--json"];
+    let with_body = ["benchmark", "--missions", missions, "--profile", "px4"];
+    let found = json(&[&with_body[..], &written].concat());
+    let of_ideal = found[0]["ideal_mean"].as_f64().expect("a number");
+    assert!(0.9 < of_ideal && of_ideal < 1.0, "{found}");
+    assert_eq!(flights().lines().count(), before.lines().count() + 4);
+    let page = fs::read_to_string(&page).expect("written");
+    for expected in [
+        "of ideal",
+        "random-0021",
+        "fraction of the certified bound",
+        "px4",
+    ] {
+        assert!(page.contains(expected), "{expected}");
+    }
+}
+
+/// `run --bound` takes the bound of a file beside the scenario, or computes it, and states the
+/// fraction that the flight reached.
+#[test]
+fn a_flight_is_compared_with_its_certified_bound() {
+    let folder = tempdir().expect("a folder");
+    let mission = random_mission(folder.path(), 30);
+    let out = folder.path().join("out");
+    let flown = || {
+        let options = ["--policy", "plan", "--bound", "--json", "--out", text(&out)];
+        json(&[&["run", "--scenario", &mission][..], &options].concat())
+    };
+    let computed = flown();
+    assert_eq!(computed["certified_bound"]["file"], Value::Null);
+    succeeds(&["benchmark", "--missions", text(folder.path()), "--certify"]);
+    let read = flown();
+    let file = read["certified_bound"]["file"].as_str().expect("a file");
+    assert!(file.ends_with("bounds.csv"), "{file}");
+    for summary in [computed, read] {
+        let number = |value: &Value| value.as_f64().expect("a number");
+        let upper = number(&summary["certified_bound"]["upper"]);
+        let fraction = number(&summary["fraction_of_bound"]);
+        assert!((0.98..=1.0).contains(&fraction), "{summary}");
+        assert!((number(&summary["sum_rate"]) / upper - fraction).abs() < 1e-12);
+        let report = fs::read_to_string(out.join("report.html")).expect("written");
+        assert!(report.contains("certified bound"));
+    }
 }
 
 /// Planning that is cut off at once has the fair straight line; more time gives a better plan, and

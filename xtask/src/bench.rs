@@ -36,39 +36,98 @@ pub(crate) struct BenchArguments {
     accept: bool,
 }
 
-/// The parts of a slot as the bench names them, their descriptions, and their largest allowed cost.
-const PARTS: [(&str, &str, Option<u64>); 9] = [
-    ("link decode", "ground link: a channel state decoded", None),
-    ("allocate", "allocate, exact, J = 36", Some(12_000)),
-    (
-        "command encode",
-        "ground link: a slot command encoded",
-        None,
-    ),
-    ("plan", "plan: network and shield", None),
-    (
-        "plan: MLP",
-        "of that, the network (19-128-128-17)",
-        Some(80_000),
-    ),
-    (
+/// One kind of work that a bench image measures many times.
+struct Part {
+    /// As the image names it.
+    printed: &'static str,
+    /// In the table.
+    name: &'static str,
+    unit: &'static str,
+    aim: Option<u64>,
+    limit: Option<u64>,
+}
+
+impl Part {
+    const fn of_slot(printed: &'static str, name: &'static str) -> Self {
+        Self {
+            printed,
+            name,
+            unit: "instructions",
+            aim: None,
+            limit: None,
+        }
+    }
+
+    const fn aim(self, aim: u64) -> Self {
+        Self {
+            aim: Some(aim),
+            ..self
+        }
+    }
+
+    const fn of_byte(printed: &'static str, name: &'static str) -> Self {
+        Self {
+            printed,
+            name,
+            unit: "instructions a byte",
+            aim: None,
+            limit: Some(BYTE_LIMIT),
+        }
+    }
+}
+
+/// The largest number of instructions for a received byte. At 921,600 Bd, this is half of a
+/// processor that does 400 million instructions a second.
+const BYTE_LIMIT: u64 = 2_170;
+
+/// The parts of a slot.
+const SLOT: [Part; 9] = [
+    Part::of_slot("link decode", "ground link: a channel state decoded"),
+    Part::of_slot("allocate", "allocate, exact, J = 36").aim(12_000),
+    Part::of_slot("command encode", "ground link: a slot command encoded"),
+    Part::of_slot("plan", "plan: network and shield"),
+    Part::of_slot("plan: MLP", "of that, the network (19-128-128-17)").aim(80_000),
+    Part::of_slot(
         "plan: shield",
         "of that, the shield and the slot's bookkeeping",
-        None,
     ),
-    ("MAVLink encode", "MAVLink: a setpoint encoded", None),
-    ("MAVLink decode", "MAVLink: a position decoded", None),
-    (
+    Part::of_slot("MAVLink encode", "MAVLink: a setpoint encoded"),
+    Part::of_slot("MAVLink decode", "MAVLink: a position decoded"),
+    Part::of_slot(
         "slot",
         "a whole slot: all of the above but the last, and an arrival",
-        Some(120_000),
+    )
+    .aim(120_000),
+];
+
+/// The streams of received bytes.
+const BYTES: [Part; 7] = [
+    Part::of_byte("MAVLink: telemetry", "MAVLink received: telemetry"),
+    Part::of_byte("MAVLink: noise", "MAVLink received: noise"),
+    Part::of_byte(
+        "MAVLink: crafted",
+        "MAVLink received: as many false headers as possible",
+    ),
+    Part::of_byte(
+        "MAVLink: signatures",
+        "MAVLink received, signed: short frames with wrong signatures",
+    ),
+    Part::of_byte("ground link: noise", "ground link received: noise"),
+    Part::of_byte(
+        "ground link: short frames",
+        "ground link received: the shortest good frames",
+    ),
+    Part::of_byte(
+        "ground link: forged",
+        "ground link received, with a key: the shortest forged frames",
     ),
 ];
 
 /// Measures the image, writes the table, and compares it with the baseline.
 pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
-    let mut figures = instructions(root, &images)?;
+    let mut figures = instructions(root, &images.bench, &SLOT)?;
+    figures.extend(instructions(root, &images.bench_bytes, &BYTES)?);
     figures.extend(planner::figures(root, &images)?);
     figures.extend(bytes(root, &images, &arguments.build)?);
     let compiler = Compiler::find(root)?.version(root)?;
@@ -83,34 +142,33 @@ pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
     compare(&baseline, &figures, &compiler)
 }
 
-/// Returns the figures that the bench image prints.
-fn instructions(root: &Path, images: &Images) -> Result<Vec<Figure>> {
-    let lines = printed(root, &images.bench)?;
-    PARTS
-        .into_iter()
-        .map(|(part, name, aim)| {
-            let line = lines
-                .get(part)
-                .with_context(|| format!("the bench printed no line for {part}"))?;
-            let number = |key: &str| {
-                line[key]
-                    .as_u64()
-                    .with_context(|| format!("{part}: no {key}"))
-            };
-            ensure!(
-                number("count")? >= 10_000,
-                "{part}: fewer than 10,000 slots"
-            );
-            Ok(Figure {
-                name,
-                unit: "instructions",
-                value: number("worst")?,
-                mean: Some(number("mean")?),
-                aim,
-                limit: None,
-            })
+/// Returns the figures that a bench image prints.
+fn instructions(root: &Path, image: &Path, parts: &[Part]) -> Result<Vec<Figure>> {
+    let lines = printed(root, image)?;
+    let figure = |part: &Part| {
+        let name = part.printed;
+        let line = lines
+            .get(name)
+            .with_context(|| format!("the bench printed no line for {name}"))?;
+        let number = |key: &str| {
+            line[key]
+                .as_u64()
+                .with_context(|| format!("{name}: no {key}"))
+        };
+        ensure!(
+            number("count")? >= 10_000,
+            "{name}: measured fewer than 10,000 times"
+        );
+        Ok(Figure {
+            name: part.name,
+            unit: part.unit,
+            value: number("worst")?,
+            mean: Some(number("mean")?),
+            aim: part.aim,
+            limit: part.limit,
         })
-        .collect()
+    };
+    parts.iter().map(figure).collect()
 }
 
 /// Returns the flash usage from the ELF file and the stack usage from a flight.

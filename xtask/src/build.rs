@@ -32,6 +32,8 @@ pub(crate) struct Images {
     pub(crate) controller: PathBuf,
     /// The image that measures the parts of a slot.
     pub(crate) bench: PathBuf,
+    /// The image that measures received bytes.
+    pub(crate) bench_bytes: PathBuf,
     /// The image that measures the planner.
     pub(crate) bench_planner: PathBuf,
     /// The policy in the images.
@@ -64,6 +66,7 @@ pub(crate) fn run(root: &Path, arguments: &BuildArguments) -> Result<Images> {
     let images = Images {
         controller: built.join("controller"),
         bench: built.join("bench"),
+        bench_bytes: built.join("bench_bytes"),
         bench_planner: built.join("bench_planner"),
         policy,
     };

@@ -43,10 +43,10 @@ impl<T: Scalar> Lattice<T> {
     /// nodes no closer than `least_m`.
     pub(super) fn new(low: Position<T>, high: Position<T>, nodes: usize, least_m: T) -> Self {
         let extent = high - low;
-        let (east, north) = (extent.x.to_f64().max(1e-9), extent.y.to_f64().max(1e-9));
-        let wished = num_sqrt(nodes as f64 * east / north);
+        let least = T::of(1e-9);
+        let wished = (T::count(nodes) * extent.x.max(least) / extent.y.max(least)).sqrt();
         let most = (nodes / SIDE_MIN).max(SIDE_MIN);
-        let columns = (wished as usize).clamp(SIDE_MIN, most);
+        let columns = wished.whole().clamp(SIDE_MIN, most);
         let rows = (nodes / columns).clamp(SIDE_MIN, most);
         let spacing = |extent: T, count: usize| (extent / T::count(count - 1)).max(least_m);
         Self {
@@ -128,7 +128,7 @@ impl<T: Scalar> Lattice<T> {
     pub(super) fn value(&self, layer: &[T], place: &Position<T>) -> T {
         let locate = |value: T, spacing: T, count: usize| {
             let x = (value / spacing).max(T::zero());
-            let index = (x.to_f64() as usize).min(count - 2);
+            let index = x.whole().min(count - 2);
             (index, (x - T::count(index)).min(T::one()))
         };
         let offset = place - self.south_west;
@@ -190,7 +190,7 @@ impl<T: Scalar> Lattice<T> {
 
 /// Returns a unit vector: direction `index` of `count`.
 pub(super) fn unit<T: Scalar>(index: usize, count: usize) -> Displacement<T> {
-    let angle = T::of(core::f64::consts::TAU * index as f64 / count as f64);
+    let angle = T::two_pi() * T::count(index) / T::count(count);
     let (sine, cosine) = angle.sin_cos();
     Displacement::new(cosine, sine)
 }
@@ -198,24 +198,22 @@ pub(super) fn unit<T: Scalar>(index: usize, count: usize) -> Displacement<T> {
 /// Splits a distance into whole steps and the fraction beyond them, clamped to a little more than
 /// the grid.
 fn split<T: Scalar>(nodes: T, count: usize) -> (isize, T) {
-    let (mut held, limit) = (nodes.to_f64(), 2.0 * count as f64);
-    if held < -limit {
-        held = -limit;
-    } else if held > limit {
-        held = limit;
-    }
-    let mut whole = held as isize;
-    if (whole as f64) > held {
-        whole -= 1;
-    }
-    let fraction = held - whole as f64;
+    let limit = T::count(2 * count);
+    let held = nodes.max(-limit).min(limit);
+    let below = held.floor();
+    let fraction = held - below;
+    let whole = if below < T::zero() {
+        -((-below).whole() as isize)
+    } else {
+        below.whole() as isize
+    };
     // A very small fraction of a node is rounding.
-    if fraction < 1e-6 {
+    if fraction < T::of(1e-6) {
         (whole, T::zero())
-    } else if fraction > 1.0 - 1e-6 {
+    } else if fraction > T::of(1.0 - 1e-6) {
         (whole + 1, T::zero())
     } else {
-        (whole, T::of(fraction))
+        (whole, fraction)
     }
 }
 
@@ -226,9 +224,4 @@ fn range(by: isize, extra: isize, count: usize) -> core::ops::Range<usize> {
     let start = (-by).min(count).max(0);
     let end = (count - by - extra).min(count).max(start);
     start as usize..end as usize
-}
-
-/// Returns the square root, for sizes of grids.
-fn num_sqrt(value: f64) -> f64 {
-    libm::sqrt(value)
 }

@@ -103,7 +103,7 @@ impl<T: Scalar> GainScale<T> {
     /// Interpolates in the table with a cubic.
     fn look_up(&self, table: &[T], distance_m: T) -> T {
         let x = distance_m / (distance_m + self.knee_m) * self.intervals;
-        let index = (x.to_f64() as usize).min(INTERVALS - 1);
+        let index = x.whole().min(INTERVALS - 1);
         let t = x - T::count(index);
         let Some(&[p0, p1, p2, p3]) = table.get(index..index + 4) else {
             return T::zero();

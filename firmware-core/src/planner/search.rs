@@ -629,8 +629,8 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             return Phase::Last;
         }
         let fraction = STAGE_FRACTIONS[self.round as usize % STAGE_FRACTIONS.len()];
-        let stages = libm::ceil(self.capacity.stages as f64 * fraction) as usize;
-        self.stages.divide(&self.route, stages);
+        let stages = T::count(self.capacity.stages) * T::of(fraction);
+        self.stages.divide(&self.route, stages.ceil().whole());
         // The best path of the next round is polished even if it is not yet better than this one.
         self.current_total = T::zero();
         Phase::Price

@@ -6,7 +6,9 @@
 
 mod bounds;
 mod changes;
+mod page;
 mod statistics;
+mod table;
 
 use std::{
     fs, io,
@@ -27,7 +29,9 @@ use vehicle::{Profile, Vehicle};
 
 pub use bounds::{BoundRecord, Bounds, FILE_NAME as BOUNDS_FILE};
 pub use changes::{ChangeFlight, ChangeMission, ChangeStatistics, change_missions};
+pub use page::page;
 pub use statistics::{PolicyStatistics, statistics};
+pub use table::Table;
 
 /// The largest certified gap at which a mission counts in the statistics of the fractions.
 pub const COUNTED_GAP: f64 = 0.02;

@@ -28,6 +28,9 @@ pub struct PolicyStatistics {
     /// The mean fraction of the reference policy over the same missions; NaN if it did not fly them
     /// all.
     pub reference_mean: f64,
+    /// The mean fraction of the total of the reference policy with the ideal vehicle, over all
+    /// missions that both flew; NaN if it flew none, or if these are its flights.
+    pub ideal_mean: f64,
     /// The number of violated constraints over all flown missions.
     pub violations: usize,
     /// The number of slots less accurate than `Gamma` over all flown missions.
@@ -53,19 +56,43 @@ fn share(flown: &Flown, bounds: &Bounds) -> Option<f64> {
     counts.then(|| flown.sum_rate / bound.upper)
 }
 
+/// Returns the fractions that a policy reached on the missions that count, with the missions' names,
+/// in ascending order.
+pub(super) fn shares<'a>(
+    policy: &'a str,
+    flights: &'a [Flown],
+    bounds: &Bounds,
+) -> Vec<(f64, &'a str)> {
+    let mut shares: Vec<(f64, &str)> = flown_by(policy, flights)
+        .filter_map(|flown| Some((share(flown, bounds)?, flown.mission.as_str())))
+        .collect();
+    shares.sort_by(|a, b| a.0.total_cmp(&b.0));
+    shares
+}
+
+/// Returns the mean of a policy's totals, each as a fraction of that of the ideal vehicle.
+fn mean_of_ideal<'a>(flown: impl Iterator<Item = &'a Flown>, ideal: &[Flown]) -> f64 {
+    let totals: BTreeMap<&str, f64> = ideal
+        .iter()
+        .map(|flown| (flown.digest.as_str(), flown.sum_rate))
+        .collect();
+    let ratio = |flown: &Flown| Some(flown.sum_rate / totals.get(flown.digest.as_str())?);
+    let ratios: Vec<f64> = flown.filter_map(ratio).collect();
+    ratios.iter().sum::<f64>() / ratios.len() as f64
+}
+
 /// Returns the statistics of `policy` over its flights, with the mean of the policy `reference` over
-/// the same missions; NaN if no mission counts.
+/// the same missions; NaN if no mission counts. `ideal` are the flights of the reference policy with
+/// the ideal vehicle, or none.
 pub fn statistics(
     policy: &str,
     reference: &str,
     flights: &[Flown],
+    ideal: &[Flown],
     bounds: &Bounds,
 ) -> PolicyStatistics {
     let flown = || flown_by(policy, flights);
-    let mut shares: Vec<(f64, &str)> = flown()
-        .filter_map(|flown| Some((share(flown, bounds)?, flown.mission.as_str())))
-        .collect();
-    shares.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let shares = shares(policy, flights, bounds);
     let of_reference: BTreeMap<&str, f64> = flown_by(reference, flights)
         .filter_map(|flown| Some((flown.mission.as_str(), share(flown, bounds)?)))
         .collect();
@@ -98,6 +125,7 @@ pub fn statistics(
         worst: at(0),
         worst_mission: shares.first().map_or("", |(_, name)| name).into(),
         reference_mean: reference_sum.map_or(f64::NAN, |sum| sum / shares.len() as f64),
+        ideal_mean: mean_of_ideal(flown(), ideal),
         violations: flown().map(|flown| flown.violations).sum(),
         inaccurate_slots: flown().map(|flown| flown.inaccurate_slots).sum(),
         preparation_median_s: median(&preparation),
@@ -138,6 +166,7 @@ mod tests {
                 upper: 10.0,
                 lower: 9.9,
                 gap: if index == 40 { 0.05 } else { 0.01 },
+                processor_seconds: 1.0,
             });
             let share = 1.0 - index as f64 / 100.0;
             let sum_rate = if index == 41 { f64::NAN } else { 10.0 * share };
@@ -150,13 +179,13 @@ mod tests {
             half.sum_rate /= 2.0;
             flights.push(half);
         }
-        let found = statistics("plan", "half", &flights, &bounds);
+        let found = statistics("plan", "half", &flights, &[], &bounds);
         assert!(found.reference_mean.is_nan(), "half flew only ten");
-        let half = statistics("half", "plan", &flights, &bounds);
+        let half = statistics("half", "plan", &flights, &[], &bounds);
         assert_eq!((half.flown, half.counted), (10, 10));
         assert!((half.reference_mean - 0.655).abs() < 1e-12);
         assert!((half.mean - 0.3275).abs() < 1e-12);
-        let found_alone = statistics("plan", "plan", &flights, &bounds);
+        let found_alone = statistics("plan", "plan", &flights, &[], &bounds);
         assert_eq!(found_alone.reference_mean, found_alone.mean);
         assert_eq!((found.flown, found.refused, found.counted), (41, 1, 40));
         assert!((found.mean - 0.805).abs() < 1e-12);
@@ -166,6 +195,18 @@ mod tests {
             (found.worst_mission.as_str(), found.violations),
             ("m39", 20)
         );
-        assert_eq!(statistics("fixed", "plan", &flights, &bounds).counted, 0);
+        // The ideal vehicle carries twice as much.
+        let double = |flown: &Flown| Flown {
+            sum_rate: 2.0 * flown.sum_rate,
+            ..flown.clone()
+        };
+        let ideal: Vec<Flown> = flights[..40].iter().map(double).collect();
+        let half = statistics("half", "plan", &flights, &ideal, &bounds);
+        assert!((half.ideal_mean - 0.25).abs() < 1e-12);
+        assert!(found_alone.ideal_mean.is_nan());
+        assert_eq!(
+            statistics("fixed", "plan", &flights, &[], &bounds).counted,
+            0
+        );
     }
 }

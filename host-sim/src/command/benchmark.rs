@@ -2,7 +2,6 @@
 //! fractions of certified bounds.
 
 use std::{
-    array,
     collections::BTreeSet,
     fs::{self, File},
     io::Write,
@@ -14,7 +13,8 @@ use std::{
 use clap::Args;
 use host_sim::{
     benchmark::{
-        self, Bounds, ChangeFlight, ChangeStatistics, Flown, PolicyStatistics, statistics,
+        self, BoundRecord, Bounds, ChangeFlight, ChangeStatistics, Flown, PolicyStatistics, Table,
+        statistics,
     },
     policy::PolicyChoice,
 };
@@ -66,6 +66,9 @@ pub(crate) struct BenchmarkArguments {
     /// <!-- /benchmark PROFILE --> (with --changes: "benchmark changes")
     #[arg(long, value_name = "F.md", conflicts_with = "certify")]
     document: Option<PathBuf>,
+    /// Also write a page with the table, the fractions of all missions, and the smallest ones
+    #[arg(long, value_name = "F.html", conflicts_with_all = ["certify", "changes"])]
+    page: Option<PathBuf>,
 }
 
 impl BenchmarkArguments {
@@ -127,15 +130,21 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
         None => Vec::new(),
     };
     let flights = pool.install(|| fly(arguments, policies, &scenarios, known))?;
-    let found: Vec<PolicyStatistics> = policies
+    let (flights, ideal): (Vec<Flown>, Vec<Flown>) = flights
+        .into_iter()
+        .partition(|flown| flown.profile == arguments.profile.to_string());
+    let names: Vec<String> = policies.iter().map(ToString::to_string).collect();
+    let found: Vec<PolicyStatistics> = names
         .iter()
-        .map(|policy| {
-            let reference = policies[0].to_string();
-            statistics(&policy.to_string(), &reference, &flights, &bounds)
-        })
+        .map(|policy| statistics(policy, &names[0], &flights, &ideal, &bounds))
         .collect();
-    let rows: Vec<_> = found.iter().map(cells).collect();
-    arguments.write_document(&document_table(COLUMNS, &rows, 1))?;
+    let table = Table::of_policies(&found);
+    arguments.write_document(&table.to_markdown())?;
+    if let Some(path) = &arguments.page {
+        let profile = arguments.profile;
+        let page = benchmark::page(&scenarios, &names, profile, &flights, &bounds, &table);
+        files::output::write(path, page.as_bytes()).map_err(Failure::failed)?;
+    }
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer_pretty(&mut out, &found).map_err(Failure::failed)?;
@@ -147,7 +156,7 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
         "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %",
         100.0 * benchmark::COUNTED_GAP
     )?;
-    write!(out, "{}", terminal_table(COLUMNS, &rows, 1))?;
+    write!(out, "{}", table.to_text())?;
     for row in found.iter().filter(|row| row.refused > 0) {
         writeln!(out, "{} does not fit {} missions", row.policy, row.refused)?;
     }
@@ -177,11 +186,8 @@ fn fly_changes(
         })
         .collect();
     bar.finish_and_clear();
-    let rows: Vec<_> = change_rows(&flights, policies)
-        .iter()
-        .map(change_cells)
-        .collect();
-    arguments.write_document(&document_table(CHANGE_COLUMNS, &rows, 2))?;
+    let table = Table::of_changes(&change_rows(&flights, policies));
+    arguments.write_document(&table.to_markdown())?;
     let mut out = std::io::stdout().lock();
     if arguments.json {
         serde_json::to_writer_pretty(&mut out, &flights).map_err(Failure::failed)?;
@@ -192,7 +198,7 @@ fn fly_changes(
         out,
         "fraction of a plan that knew the change from the start"
     )?;
-    write!(out, "{}", terminal_table(CHANGE_COLUMNS, &rows, 2))?;
+    write!(out, "{}", table.to_text())?;
     Ok(())
 }
 
@@ -203,27 +209,6 @@ fn change_rows(flights: &[ChangeFlight], policies: &[PolicyChoice]) -> Vec<Chang
         .flat_map(|kind| policies.iter().map(move |policy| (kind, policy)))
         .filter_map(|(kind, policy)| ChangeStatistics::of(flights, &policy.to_string(), kind))
         .collect()
-}
-
-/// The columns of the table of changes.
-const CHANGE_COLUMNS: [&str; 6] = [
-    "at mid-mission",
-    "policy",
-    "flown",
-    "mean",
-    "worst",
-    "violated",
-];
-
-fn change_cells(row: &ChangeStatistics) -> [String; CHANGE_COLUMNS.len()] {
-    [
-        row.kind.map_or("all of these", EventKind::title).to_owned(),
-        row.policy.clone(),
-        row.flown.to_string(),
-        number(row.mean, 4),
-        number(row.worst, 4),
-        row.violations.to_string(),
-    ]
 }
 
 fn bar(length: usize) -> ProgressBar {
@@ -248,11 +233,12 @@ fn certify(
         })
         .collect();
     let bar = bar(missing.len());
-    let bounds = Mutex::new(bounds);
-    missing.par_iter().try_for_each(|scenario| {
+    let mut bounds = bounds;
+    // One after the other, each on all threads: so the times are those of single missions.
+    for scenario in missing {
+        bar.set_message(scenario.name.clone());
         match Bounds::certify(scenario) {
             Ok(record) => {
-                let mut bounds = bounds.lock().map_err(Failure::failed)?;
                 let record = match bounds.of(&record.digest) {
                     Some(known) => record.tighter(known),
                     None => record,
@@ -263,9 +249,25 @@ fn certify(
             Err(problem) => bar.suspend(|| eprintln!("warning: {problem}")),
         }
         bar.inc(1);
-        Ok::<(), Failure>(())
-    })?;
+    }
     bar.finish_and_clear();
+    let records: Vec<&BoundRecord> = scenarios
+        .iter()
+        .filter_map(|scenario| bounds.of(&scenario.digest()))
+        .collect();
+    let within = |gap: f64| records.iter().filter(|record| record.gap <= gap).count();
+    let mut times: Vec<f64> = records.iter().map(|r| r.processor_seconds).collect();
+    times.sort_by(f64::total_cmp);
+    writeln!(
+        std::io::stdout(),
+        "{} missions: {} with a gap of at most 1 %, {} of at most 2 %; processor time of a mission: median {:.1} s, \
+         at most {:.1} s",
+        scenarios.len(),
+        within(0.01),
+        within(0.02),
+        times.get(times.len() / 2).copied().unwrap_or(f64::NAN),
+        times.last().copied().unwrap_or(f64::NAN),
+    )?;
     Ok(())
 }
 
@@ -280,14 +282,25 @@ fn read_results(path: &Path) -> Result<Vec<Flown>, Failure> {
 }
 
 /// Flies the missions that are not among the known flights, and returns all flights with this
-/// profile.
+/// profile, and those of the first policy with the ideal vehicle.
 fn fly(
     arguments: &BenchmarkArguments,
     policies: &[PolicyChoice],
     scenarios: &[Scenario],
     known: Vec<Flown>,
 ) -> Result<Vec<Flown>, Failure> {
-    let profile = arguments.profile.to_string();
+    let profile = arguments.profile;
+    let with_profile = policies.iter().map(|policy| (policy, profile));
+    let with_ideal = (profile != Profile::Ideal).then_some((&policies[0], Profile::Ideal));
+    let pairs: Vec<(&PolicyChoice, Profile)> = with_profile.chain(with_ideal).collect();
+    let wanted: Vec<(&Scenario, &PolicyChoice, Profile)> = scenarios
+        .iter()
+        .flat_map(|scenario| {
+            pairs
+                .iter()
+                .map(move |(policy, on)| (scenario, *policy, *on))
+        })
+        .collect();
     let key = |flown: &Flown| {
         (
             flown.digest.clone(),
@@ -295,12 +308,19 @@ fn fly(
             flown.profile.clone(),
         )
     };
-    let done: BTreeSet<_> = known.iter().map(key).collect();
-    let jobs: Vec<(&Scenario, &PolicyChoice)> = scenarios
+    let asked: BTreeSet<_> = wanted
         .iter()
-        .flat_map(|scenario| policies.iter().map(move |policy| (scenario, policy)))
-        .filter(|(scenario, policy)| {
-            !done.contains(&(scenario.digest(), policy.to_string(), profile.clone()))
+        .map(|(scenario, policy, on)| (scenario.digest(), policy.to_string(), on.to_string()))
+        .collect();
+    let known: Vec<Flown> = known
+        .into_iter()
+        .filter(|flown| asked.contains(&key(flown)))
+        .collect();
+    let done: BTreeSet<_> = known.iter().map(key).collect();
+    let jobs: Vec<_> = wanted
+        .into_iter()
+        .filter(|(scenario, policy, on)| {
+            !done.contains(&(scenario.digest(), policy.to_string(), on.to_string()))
         })
         .collect();
     let writer = match &arguments.results {
@@ -322,8 +342,8 @@ fn fly(
     let bar = bar(jobs.len());
     let flown: Result<Vec<Flown>, Failure> = jobs
         .par_iter()
-        .map(|(scenario, policy)| {
-            let flown = benchmark::fly(scenario, policy, arguments.profile);
+        .map(|(scenario, policy, on)| {
+            let flown = benchmark::fly(scenario, policy, *on);
             if let Some(writer) = &writer {
                 let mut writer = writer.lock().map_err(Failure::failed)?;
                 writer.serialize(&flown).map_err(Failure::failed)?;
@@ -335,90 +355,5 @@ fn fly(
         })
         .collect();
     bar.finish_and_clear();
-    let digests: BTreeSet<String> = scenarios.iter().map(Scenario::digest).collect();
-    let own = |flown: &Flown| flown.profile == profile && digests.contains(&flown.digest);
-    Ok(known.into_iter().filter(own).chain(flown?).collect())
-}
-
-/// The columns of the table of policies.
-const COLUMNS: [&str; 12] = [
-    "policy",
-    "flown",
-    "counted",
-    "mean",
-    "5 %",
-    "worst",
-    "reference",
-    "violated",
-    "inaccurate",
-    "prepare s",
-    "at most",
-    "decide us",
-];
-
-fn cells(row: &PolicyStatistics) -> [String; COLUMNS.len()] {
-    [
-        row.policy.clone(),
-        row.flown.to_string(),
-        row.counted.to_string(),
-        number(row.mean, 4),
-        number(row.quantile_5, 4),
-        number(row.worst, 4),
-        number(row.reference_mean, 4),
-        row.violations.to_string(),
-        row.inaccurate_slots.to_string(),
-        number(row.preparation_median_s, 3),
-        number(row.preparation_max_s, 3),
-        number(row.decision_median_us, 1),
-    ]
-}
-
-/// Formats a number, or a dash where there is none.
-fn number(value: f64, decimals: usize) -> String {
-    if value.is_nan() {
-        "-".to_owned()
-    } else {
-        format!("{value:.decimals$}")
-    }
-}
-
-/// Returns a table for the terminal. The first `words` columns are aligned to the left.
-fn terminal_table<const N: usize>(
-    columns: [&str; N],
-    rows: &[[String; N]],
-    words: usize,
-) -> String {
-    let headings = columns.map(str::to_owned);
-    let lines = || [&headings].into_iter().chain(rows);
-    let widths: [usize; N] = array::from_fn(|column| {
-        let cells = lines().map(|row| row[column].len());
-        cells.max().unwrap_or(0)
-    });
-    let mut text = String::new();
-    for row in lines() {
-        for (column, (cell, width)) in row.iter().zip(widths).enumerate() {
-            let gap = if column == 0 { "" } else { "  " };
-            text += &if column < words {
-                format!("{gap}{cell:<width$}")
-            } else {
-                format!("{gap}{cell:>width$}")
-            };
-        }
-        text.push('\n');
-    }
-    text
-}
-
-/// Returns the same table in Markdown, for a document.
-fn document_table<const N: usize>(
-    columns: [&str; N],
-    rows: &[[String; N]],
-    words: usize,
-) -> String {
-    let alignment = ["---|".repeat(words), "--:|".repeat(N - words)].concat();
-    let mut text = format!("| {} |\n|{alignment}\n", columns.join(" | "));
-    for row in rows {
-        text += &format!("| {} |\n", row.join(" | "));
-    }
-    text
+    Ok(known.into_iter().chain(flown?).collect())
 }

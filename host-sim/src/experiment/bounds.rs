@@ -5,6 +5,7 @@ use std::{
     path::PathBuf,
 };
 
+use crate::processor_time::ProcessorTime;
 use planning::bound;
 use serde::{Deserialize, Serialize};
 
@@ -92,7 +93,7 @@ impl KnownBounds {
             return Ok(row.clone());
         }
         let settings = bound::BoundSettings::default();
-        let before_s = processor_seconds();
+        let processor_time = ProcessorTime::start();
         let certificate = bound::certify(&scenario.mission, &settings, |progress| {
             let bound::BoundProgress { upper, lower, .. } = progress;
             watcher.busy(&format!("bound of {cell}: {lower:.3} to {upper:.3}"));
@@ -109,10 +110,7 @@ impl KnownBounds {
             cell_m: certificate.cell_m,
             parts: certificate.leaves,
             seconds: certificate.seconds,
-            processor_seconds: match (before_s, processor_seconds()) {
-                (Some(before_s), Some(after_s)) => after_s - before_s,
-                _ => certificate.seconds,
-            },
+            processor_seconds: processor_time.seconds(),
             threads: rayon::current_num_threads(),
         };
         self.certified.insert(digest.clone());
@@ -136,16 +134,4 @@ impl KnownBounds {
         rows.extend(left.into_values());
         table::write(&self.path, &rows)
     }
-}
-
-/// Returns the time that this process has used on all processors.
-#[cfg(unix)]
-fn processor_seconds() -> Option<f64> {
-    let used = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    Some(used.tv_sec as f64 + 1e-9 * used.tv_nsec as f64)
-}
-
-#[cfg(not(unix))]
-fn processor_seconds() -> Option<f64> {
-    None
 }
