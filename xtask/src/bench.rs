@@ -76,9 +76,9 @@ impl Part {
     }
 }
 
-/// The largest number of instructions for a received byte. At 921,600 Bd, this is half of a
+/// The largest number of instructions for a received byte. At 921,600 Bd, this is a quarter of a
 /// processor that does 400 million instructions a second.
-const BYTE_LIMIT: u64 = 2_170;
+const BYTE_LIMIT: u64 = 1_085;
 
 /// The parts of a slot.
 const SLOT: [Part; 9] = [
