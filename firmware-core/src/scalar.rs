@@ -37,6 +37,9 @@ mod num_limits {
         const EPSILON: Self;
         /// The largest finite number.
         const LARGEST: Self;
+        /// `2^s + 1`, where `s` is half the number of binary digits, rounded up: with it a number is
+        /// split into two halves.
+        const SPLITTER: Self;
         /// Relative tolerance within which a constraint counts as kept:
         /// 1e-9 in double, 1e-5 in single precision.
         const CONSTRAINT_TOLERANCE: Self;
@@ -45,10 +48,11 @@ mod num_limits {
 pub use num_limits::Limits;
 
 macro_rules! scalar {
-    ($t:ty, $tolerance:literal) => {
+    ($t:ty, $tolerance:literal, $splitter:literal) => {
         impl Limits for $t {
             const EPSILON: Self = <$t>::EPSILON;
             const LARGEST: Self = <$t>::MAX;
+            const SPLITTER: Self = $splitter;
             const CONSTRAINT_TOLERANCE: Self = $tolerance;
         }
         impl Scalar for $t {
@@ -76,8 +80,8 @@ macro_rules! scalar {
         }
     };
 }
-scalar!(f32, 1e-5);
-scalar!(f64, 1e-9);
+scalar!(f32, 1e-5, 4097.0);
+scalar!(f64, 1e-9, 134_217_729.0);
 
 /// A place on the map, metres: `x` east, `y` north (the paper's `q_n`, `u_m`, `v_j` without
 /// their heights). Altitude is a parameter of the mission.

@@ -51,6 +51,22 @@ impl Sizes {
     }
 }
 
+/// Returns whether a program calculates in double precision. It must be built for a processor without a
+/// unit for that: the compiler then calls functions of the run-time ABI instead.
+pub(crate) fn has_double_precision(path: &Path) -> Result<bool> {
+    let file = fs::read(path).with_context(|| path.display().to_string())?;
+    let image = object::File::parse(&*file).with_context(|| path.display().to_string())?;
+    let mut names = image.symbols().filter_map(|symbol| symbol.name().ok());
+    Ok(names.any(is_double_precision))
+}
+
+/// Returns whether a function of the run-time ABI takes or returns a number in double precision.
+fn is_double_precision(function: &str) -> bool {
+    const INTO_DOUBLE: [&str; 5] = ["f2d", "i2d", "ui2d", "l2d", "ul2d"];
+    let name = function.strip_prefix("__aeabi_");
+    name.is_some_and(|name| name.starts_with('d') || INTO_DOUBLE.contains(&name))
+}
+
 /// Returns the places `file:line` that a program names in panics; files of the workspace relative to
 /// `root`.
 pub(crate) fn panic_locations(path: &Path, root: &Path) -> Result<Vec<String>> {

@@ -12,7 +12,7 @@ use std::{
     process::Stdio,
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use serde_json::Value;
 
@@ -40,6 +40,8 @@ struct Probe {
     entry_point: &'static str,
     /// Whether the command fails if the entry point can panic.
     gated: bool,
+    /// Whether the command fails if the entry point calculates in double precision.
+    single: bool,
 }
 
 const fn gated(name: &'static str, entry_point: &'static str) -> Probe {
@@ -47,6 +49,15 @@ const fn gated(name: &'static str, entry_point: &'static str) -> Probe {
         name,
         entry_point,
         gated: true,
+        single: false,
+    }
+}
+
+/// An entry point that neither panics nor calculates in double precision.
+const fn single(name: &'static str, entry_point: &'static str) -> Probe {
+    Probe {
+        single: true,
+        ..gated(name, entry_point)
     }
 }
 
@@ -59,39 +70,39 @@ const fn accepted(name: &'static str, entry_point: &'static str) -> Probe {
 }
 
 const PROBES: [Probe; 35] = [
-    gated(
+    single(
         "slot_exact",
         "slot problem, exact: `Workspace::sensors`, `SensorField::solve`",
     ),
     gated("slot_exact_f64", "the same in double precision"),
-    gated(
+    single(
         "slot_bounded",
         "slot problem, gains within bounds: `Workspace::guarantee`",
     ),
-    gated(
+    single(
         "slot_methods",
         "slot problem, any method, Alg. 1 included: `SensorField::allocate`",
     ),
-    gated(
+    single(
         "shield_waypoint",
         "shield: `ReachableSet::of_slot_with`, `shield::admissible_waypoint`",
     ),
-    gated(
+    single(
         "shield_user",
         "shield: `shield::admissible_user`, `Fairness::revise`",
     ),
-    gated("mission_new", "`Mission::new`, `Mission::change`"),
-    gated("controller_new", "`Controller::new`"),
+    single("mission_new", "`Mission::new`, `Mission::change`"),
+    single("controller_new", "`Controller::new`"),
     gated(
         "controller_plan",
         "`Controller::plan`, with a trained policy",
     ),
-    gated("controller_allocate", "`Controller::allocate`"),
+    single("controller_allocate", "`Controller::allocate`"),
     gated(
         "controller_allocate_predicted",
         "`Controller::allocate_predicted`",
     ),
-    gated("controller_change", "`Controller::note_change`"),
+    single("controller_change", "`Controller::note_change`"),
     gated(
         "controller_exact",
         "a whole controller with the exact solver: `Controller::new`, `Controller::plan`, `Controller::allocate`",
@@ -100,22 +111,22 @@ const PROBES: [Probe; 35] = [
         "controller_any_method",
         "the same with any method, Alg. 1 included: `Controller::with_solver`",
     ),
-    gated(
+    single(
         "policy_load",
         "a `.policy` file read and tested: `Mlp::load`",
     ),
-    gated("policy_decide", "the network: `Mlp::decide`"),
+    single("policy_decide", "the network: `Mlp::decide`"),
     gated("planner_new", "planner: `console::board_planner`"),
     gated("planner_advance", "planner: `Planner::advance`"),
     gated("planner_decide", "planner: `Planner::decide`"),
     gated("planner_revise", "planner: `Planner::revise`"),
-    gated("link_decode", "ground link: `link::Decoder::push`"),
-    gated("link_encode", "ground link: `link::encode`"),
-    gated(
+    single("link_decode", "ground link: `link::Decoder::push`"),
+    single("link_encode", "ground link: `link::encode`"),
+    single(
         "mavlink_receive",
         "MAVLink: bytes to frames and messages, `wire::Decoder::next_frame`, `Frame::client_message`",
     ),
-    gated("mavlink_encode", "MAVLink: `Encoder::encode_of_client`"),
+    single("mavlink_encode", "MAVLink: `Encoder::encode_of_client`"),
     gated("autopilot_new", "MAVLink client: `Autopilot::new`"),
     gated(
         "autopilot_control",
@@ -135,9 +146,9 @@ const PROBES: [Probe; 35] = [
         "onboard_poll",
         "the whole onboard computer, all policies: `Onboard::receive_ground`, `Onboard::receive_mavlink`, `Onboard::poll`, `Onboard::take_ground_frame`, `Onboard::take_mavlink_frame`",
     ),
-    gated("console_decode", "console: `Calls::push`"),
+    single("console_decode", "console: `Calls::push`"),
     gated("console_build", "console: `MissionOrder::build`"),
-    gated("console_report", "console: `console::encode_report`"),
+    single("console_report", "console: `console::encode_report`"),
     accepted(
         "console_words",
         "console: `console::words`, of an event and of a refused order",
@@ -150,6 +161,8 @@ struct Outcome {
     probe: Probe,
     /// The size of its code, bytes.
     size: u32,
+    /// Whether it calculates in double precision.
+    double: bool,
     /// The places from which a panic is left; `None` if the program links without a panic handler.
     panics: Option<Vec<String>>,
 }
@@ -174,9 +187,11 @@ pub(crate) fn run(root: &Path, _: &PanicsArguments) -> Result<()> {
             None => Some(elf::panic_locations(file, root)?),
         };
         let size = Sizes::read(file)?.text;
+        let double = elf::has_double_precision(file)?;
         Ok(Outcome {
             probe,
             size,
+            double,
             panics,
         })
     });
@@ -227,6 +242,8 @@ fn link(
         .args(names.iter().flat_map(|name| ["--bin", name]))
         .current_dir(root.join("firmware"))
         .env("CARGO_TARGET_DIR", build::folder(root))
+        // Not those of the image's processor, which has double precision: see `elf`.
+        .env("RUSTFLAGS", "-C link-arg=-Tlink.x")
         .stderr(Stdio::inherit());
     if diagnose {
         cargo.args(["--features", "diagnose"]);
@@ -247,7 +264,9 @@ fn link(
 }
 
 fn table(outcomes: &[Outcome], compiler: &str) -> Result<String> {
-    let mut table = String::from("| entry point | panic-free | code, bytes |\n|---|---|--:|\n");
+    let mut table = String::from(
+        "| entry point | panic-free | double precision | code, bytes |\n|---|---|---|--:|\n",
+    );
     for outcome in outcomes {
         let free = match &outcome.panics {
             None => "yes".to_owned(),
@@ -261,7 +280,8 @@ fn table(outcomes: &[Outcome], compiler: &str) -> Result<String> {
             }
         };
         let (entry_point, size) = (outcome.probe.entry_point, grouped(outcome.size.into()));
-        writeln!(table, "| {entry_point} | {free} | {size} |")?;
+        let double = if outcome.double { "yes" } else { "no" };
+        writeln!(table, "| {entry_point} | {free} | {double} | {size} |")?;
     }
     write!(table, "\nLinked by {compiler}.")?;
     Ok(table)
@@ -272,8 +292,14 @@ fn file_of(place: &str) -> &str {
     place.rsplit_once(':').map_or(place, |(file, _)| file)
 }
 
-/// Fails if a gated entry point can panic.
+/// Fails if a gated entry point can panic, or if one calculates in double precision that must not.
 fn check(outcomes: &[Outcome]) -> Result<()> {
+    let double = outcomes
+        .iter()
+        .find(|outcome| outcome.double && outcome.probe.single);
+    if let Some(outcome) = double {
+        bail!("{} calculates in double precision", outcome.probe.name);
+    }
     let lost: Vec<String> = outcomes
         .iter()
         .filter(|outcome| outcome.probe.gated)
@@ -300,20 +326,27 @@ mod tests {
         let outcome = |probe, panics: Option<&str>| Outcome {
             probe,
             size: 1234,
+            double: false,
             panics: panics.map(|place| vec![place.to_owned(), place.to_owned()]),
         };
         let (free, other) = (gated("plan", "`plan`"), accepted("words", "`words`"));
         let good = [outcome(free, None), outcome(other, Some("core/fmt.rs:7"))];
         assert!(check(&good).is_ok());
         let table = table(&good, "rustc 1").unwrap();
-        assert!(table.contains("| `plan` | yes | 1,234 |\n"), "{table}");
-        let left = "| `words` | no: panics are left in core/fmt.rs | 1,234 |\n";
+        assert!(table.contains("| `plan` | yes | no | 1,234 |\n"), "{table}");
+        let left = "| `words` | no: panics are left in core/fmt.rs | no | 1,234 |\n";
         assert!(table.contains(left), "{table}");
         let lost = check(&[outcome(free, Some("src/level.rs:9"))]).unwrap_err();
         assert!(
             lost.to_string().contains("plan can panic: src/level.rs:9"),
             "{lost}"
         );
+        let double = Outcome {
+            double: true,
+            ..outcome(single("plan", "`plan`"), None)
+        };
+        let refused = check(&[double]).unwrap_err().to_string();
+        assert!(refused.contains("plan calculates in double"), "{refused}");
     }
 
     #[test]

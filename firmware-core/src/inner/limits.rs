@@ -56,8 +56,7 @@ impl<T: Scalar> SlotLimits<T> {
     /// rounded square root may exceed `p_b^max`.
     pub fn coefficient_max(&self) -> T {
         let root = self.sensor_power_max.0.sqrt();
-        // The fused operation rounds once, after the sum: the sign is that of the exact difference.
-        if root.mul_add(root, -self.sensor_power_max.0) > T::zero() {
+        if has_larger_square(root, self.sensor_power_max.0) {
             root.next_below()
         } else {
             root
@@ -98,6 +97,24 @@ impl<T: Scalar> SlotLimits<T> {
         }
         Ok(())
     }
+}
+
+/// Returns whether `root^2 > limit`, exactly where neither the square nor its rounding error underflows.
+///
+/// Rounding keeps order, so a rounded square that differs from the limit decides. If they are equal,
+/// the sign of the rounding error does, which is exact by Dekker's product: the halves of a number
+/// have half the digits, so that their products are not rounded. (A fused multiplication does the
+/// same; in software it calculates in double precision.)
+fn has_larger_square<T: Scalar>(root: T, limit: T) -> bool {
+    let square = root * root;
+    if square != limit {
+        return square > limit;
+    }
+    let scaled = root * T::SPLITTER;
+    let high = scaled - (scaled - root);
+    let low = root - high;
+    let twice = (high + high) * low;
+    (high * high - square) + twice + low * low > T::zero()
 }
 
 #[cfg(test)]
@@ -142,6 +159,22 @@ mod tests {
             let square = |b: f32| f64::from(b) * f64::from(b);
             assert!(square(b) <= f64::from(power), "{b} {power}");
             assert!(square(b.next_up()) > f64::from(power), "{b} {power}");
+        }
+    }
+
+    /// In double precision a fused multiplication, which rounds once, gives the exact sign.
+    #[test]
+    fn squares_are_compared_exactly() {
+        for n in 0..10_000 {
+            let power = 1e-3 * 1.0013_f64.powi(n);
+            for root in [
+                power.sqrt(),
+                power.sqrt().next_up(),
+                power.sqrt().next_down(),
+            ] {
+                let expected = root.mul_add(root, -power) > 0.0;
+                assert_eq!(has_larger_square(root, power), expected, "{root} {power}");
+            }
         }
     }
 }
