@@ -7,7 +7,10 @@ use crate::{
     autopilot::{Autopilot, wire},
     controller::{ChannelState, Controller, SlotCommand},
     inner::{ExactSolver, SlotSolver},
-    link::{Arrival, Credentials, Endpoint, SecurityCounters, SlotCounters, VehicleStatus},
+    link::{
+        Arrival, Credentials, Endpoint, FRAME_MAX, SecurityCounters, SlotCounters, VehicleStatus,
+        secure_frame_max,
+    },
     policy::Policy,
     scalar::Scalar,
     time::{Duration, Instant},
@@ -52,6 +55,7 @@ pub struct Onboard<
     const M: usize = USERS_MAX,
     const J: usize = SENSORS_MAX,
     S = ExactSolver,
+    const F: usize = FRAME_MAX,
 > {
     pub(super) settings: OnboardSettings,
     pub(super) slot_duration_s: f64,
@@ -66,7 +70,7 @@ pub struct Onboard<
     pub(super) began: Option<Instant>,
     pub(super) mavlink_in: wire::Decoder,
     pub(super) mavlink_out: wire::Encoder,
-    pub(super) ground: Endpoint,
+    pub(super) ground: Endpoint<F>,
     /// When a session of the ground link is offered again, while there is none.
     pub(super) offer_at: Option<Instant>,
     pub(super) channel_state: Option<ChannelState<T, M, J>>,
@@ -81,12 +85,34 @@ pub struct Onboard<
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
     Onboard<T, P, M, J, S>
 {
-    /// Creates a computer before take-off that has received nothing from either side.
+    /// Creates a computer before take-off that has received nothing from either side. Its ground link
+    /// has frames of up to [`FRAME_MAX`] bytes, which is enough for the default capacities.
     pub fn new(
         settings: OnboardSettings,
         controller: Controller<T, P, M, J, S>,
         autopilot: Autopilot<T>,
     ) -> Self {
+        Self::with_frames(settings, controller, autopilot)
+    }
+}
+
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>, const F: usize>
+    Onboard<T, P, M, J, S, F>
+{
+    /// As [`new`](Onboard::new), with frames of up to `F` bytes on the ground link.
+    pub fn with_frames(
+        settings: OnboardSettings,
+        controller: Controller<T, P, M, J, S>,
+        autopilot: Autopilot<T>,
+    ) -> Self {
+        const {
+            assert!(
+                secure_frame_max::<T>(M, J) <= F,
+                "the frames of this `Onboard` are too short for M users and J sensors: in its type, \
+                 `Onboard<T, P, M, J, S, F>`, F must be at least \
+                 `link::secure_frame_max::<T>(M, J)`, and it is created by `with_frames` or `new_in`"
+            )
+        };
         let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
         // The exchange takes place in the next slot, which has to be flown as well.
         let half_slot = Duration::from_secs_f64(slot_duration_s / 2.0);
