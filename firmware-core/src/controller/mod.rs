@@ -121,6 +121,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
     /// example.
     ///
     /// Capacities for users and sensors that are together more than 65,535 do not compile.
+    #[inline(always)] // so that it is built where it stays: see `Onboard::new_in`
     pub fn with_solver(mission: Mission<T, M, J>, policy: P, solver: S) -> Self {
         const { check_gain_count(M, J) };
         Self {

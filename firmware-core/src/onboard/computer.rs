@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard computer: its parts and its state.
 
+use core::mem::MaybeUninit;
+
 use super::stage::{Fault, Stage};
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::{Autopilot, wire},
+    autopilot::{Autopilot, AutopilotSettings, SettingsError, wire},
     controller::{ChannelState, Controller, SlotCommand},
     inner::{ExactSolver, SlotSolver},
     link::{
         Arrival, Credentials, Endpoint, FRAME_MAX, SecurityCounters, SlotCounters, VehicleStatus,
         secure_frame_max,
     },
+    mission::Mission,
     policy::Policy,
     scalar::Scalar,
     time::{Duration, Instant},
@@ -48,6 +51,26 @@ pub(super) struct Measuring<T: Scalar> {
 }
 
 /// The onboard computer.
+///
+/// `M` and `J` are its capacities for users and sensors, `S` solves the slot problems, and `F` is the
+/// length of the longest frame on the ground link. With users and sensors grow the mission, the channel
+/// states, the solver's memory and the frames. What does not depend on them is the MAVLink client, the
+/// decoder of its frames, the authentication of both links, and the changes that wait for their slot
+/// ([`CHANGES_MAX`](crate::controller::CHANGES_MAX)). Sizes on a 64-bit host:
+///
+/// ```
+/// # use firmware_core::{inner::ExactSolver, onboard::Onboard, policy::StraightLine};
+/// # use firmware_core::link::secure_frame_max;
+/// # let about = |bytes: usize, size: usize| assert!(size.abs_diff(bytes) <= bytes / 20, "{size}");
+/// type Computer<const M: usize, const J: usize, const F: usize> =
+///     Onboard<f32, StraightLine<f32, M>, M, J, ExactSolver, F>;
+///
+/// about(9_320, size_of::<Computer<4, 8, { secure_frame_max::<f32>(4, 8) }>>());
+/// about(11_840, size_of::<Computer<16, 64, { secure_frame_max::<f32>(16, 64) }>>());
+/// about(58_160, size_of::<Computer<256, 1024, { secure_frame_max::<f32>(256, 1024) }>>());
+/// // The default: frames for double precision.
+/// about(12_140, size_of::<Onboard<f32, StraightLine<f32, 16>>>());
+/// ```
 #[derive(Debug)]
 pub struct Onboard<
     T: Scalar,
@@ -101,6 +124,69 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
 {
     /// As [`new`](Onboard::new), with frames of up to `F` bytes on the ground link.
     pub fn with_frames(
+        settings: OnboardSettings,
+        controller: Controller<T, P, M, J, S>,
+        autopilot: Autopilot<T>,
+    ) -> Self {
+        Self::assemble(settings, controller, autopilot)
+    }
+
+    /// Creates a computer that stays in `place`, from its mission, policy and solver and the settings
+    /// of its MAVLink client. With a static `place`, such as that of a `StaticCell`, the stack does not
+    /// hold the computer: the client, the links and the buffers are built where they stay, and only the
+    /// controller passes over the stack. (Safe Rust leaves this to the optimizer. `cargo xtask firmware
+    /// bench` measures the stack of an image that does it.)
+    ///
+    /// # Errors
+    /// Returns an error if a setting is invalid; nothing is then written to `place`.
+    ///
+    /// ```
+    /// # use firmware_core::{
+    /// #     Mission, Position, autopilot::{AutopilotSettings, frames::Geodetic}, inner::ExactSolver,
+    /// #     link::secure_frame_max, mission::MissionParameters, policy::StraightLine,
+    /// #     onboard::{Onboard, OnboardSettings, Stage},
+    /// # };
+    /// use std::mem::MaybeUninit;
+    ///
+    /// const FRAME: usize = secure_frame_max::<f32>(4, 8);
+    /// type Computer = Onboard<f32, StraightLine<f32, 4>, 4, 8, ExactSolver, FRAME>;
+    ///
+    /// # let mission = Mission::new(MissionParameters::<f32, 4, 8> {
+    /// #     users: [Position::new(200.0, 700.0)].into_iter().collect(),
+    /// #     sensors: [Position::new(700.0, 100.0)].into_iter().collect(),
+    /// #     ..MissionParameters::table_one()
+    /// # })?;
+    /// # let p = mission.parameters();
+    /// # let origin = Geodetic { latitude_e7: 473_977_420, longitude_e7: 85_455_940 };
+    /// # let autopilot = AutopilotSettings::new(origin, p.start, p.altitude_m, p.max_speed_mps);
+    /// # let policy = StraightLine::new(&mission);
+    /// // On a board: `static PLACE: StaticCell<Computer>` and `PLACE.uninit()`.
+    /// let place: &'static mut MaybeUninit<Computer> = Box::leak(Box::new(MaybeUninit::uninit()));
+    /// let parts = (policy, ExactSolver);
+    /// let settings = OnboardSettings::default();
+    /// let computer = Onboard::new_in(place, settings, mission, parts, autopilot)?;
+    /// assert_eq!(computer.stage(), Stage::Preparing);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn new_in<'p>(
+        place: &'p mut MaybeUninit<Self>,
+        settings: OnboardSettings,
+        mission: Mission<T, M, J>,
+        (policy, solver): (P, S),
+        autopilot: AutopilotSettings<T>,
+    ) -> Result<&'p mut Self, SettingsError> {
+        autopilot.check()?;
+        let computer = place.write(Self::assemble(
+            settings,
+            Controller::with_solver(mission, policy, solver),
+            Autopilot::with_checked(autopilot),
+        ));
+        computer.autopilot.update_limits();
+        Ok(computer)
+    }
+
+    #[inline(always)] // so that it is built where it stays: see `new_in`
+    fn assemble(
         settings: OnboardSettings,
         controller: Controller<T, P, M, J, S>,
         autopilot: Autopilot<T>,
