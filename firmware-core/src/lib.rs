@@ -4,7 +4,17 @@
 //!
 //! The crate uses no std, no allocator, no I/O, no clock, no threads and no globals: bytes and time
 //! come in as arguments, bytes and decisions go out. Everything numeric is generic over [`Scalar`]
-//! (`f64` on a host, `f32` on a microcontroller), and every capacity is a const generic.
+//! (`f64` on a host, `f32` on a microcontroller).
+//!
+//! # Capacities
+//!
+//! The types are generic over their capacities `M` for users and `J` for sensors, 16 and 64 by
+//! default; a mission has that many or fewer. All that grows with users or sensors follows `M` and `J`.
+//! Together they may be 65,535. The frames of the ground link are as long as `M`, `J` and the number
+//! type need: [`link::secure_frame_max`] computes the length, and a decoder, an end of the link, an
+//! onboard computer or a buffer that is too short for its messages does not compile. Lengths that
+//! depend neither on users nor on sensors are constants of the modules; the memory of the planner is
+//! the caller's and follows [`planner::Capacity`].
 //!
 //! # A slot
 //!

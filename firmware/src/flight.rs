@@ -5,6 +5,8 @@
 //! timer; on a bench by a tick (see `firmware_core::console`). After a reset the image holds no
 //! order and sends nothing: whoever flies the vehicle then keeps it.
 
+use core::mem::MaybeUninit;
+
 use firmware_core::{
     autopilot::{
         OwnAddress, Phase,
@@ -44,17 +46,16 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
     };
     let mut calls = Calls::default();
     let mut memory = PlannerMemory::take();
-    // Built where it stays: it is most of what is on the stack.
-    let mut commissioned = None;
-    let clock = loop {
+    // The computer is built in static memory: the stack need not hold it.
+    let mut place = cortex_m::singleton!(COMPUTER: MaybeUninit<Computer> = MaybeUninit::uninit());
+    let (computer, clock) = loop {
         match next_call(board, &mut calls) {
             Some(Call::Order(order)) => {
                 let planner = prepare::<B>(&order, &mut memory);
-                let built = planner.and_then(|planner| {
-                    commission(board, &order, (&trained, planner), &mut commissioned)
-                });
+                let built = planner
+                    .and_then(|planner| commission(board, &order, (&trained, planner), &mut place));
                 match built {
-                    Ok(()) => break order.clock,
+                    Ok(computer) => break (computer, order.clock),
                     Err(why) => report(board, &BoardReport::Refused(console::words(&why))),
                 }
             }
@@ -63,9 +64,6 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
             Some(Call::Tick(_) | Call::Stop) => {}
             None => board.rest(false),
         }
-    };
-    let Some(computer) = &mut commissioned else {
-        board.halt(&"no computer after an order")
     };
     report(board, &console::ready(computer));
     let mut flight = Flight::default();
@@ -110,15 +108,15 @@ fn commission<B: Board>(
     board: &mut B,
     order: &MissionOrder,
     (trained, planner): (&Mlp<&'static [u8]>, Option<&'static mut StaticPlanner>),
-    place: &mut Option<Computer>,
-) -> Result<(), OrderError> {
-    let computer = place.insert(order.build(Some(trained), planner)?);
+    place: &mut Option<&'static mut MaybeUninit<Computer>>,
+) -> Result<&'static mut Computer, OrderError> {
+    let computer = order.build_in(place, Some(trained), planner)?;
     let now = match order.clock {
         Clock::Board => board.now(),
         Clock::Console => Instant::ZERO,
     };
     order.launch(computer, now);
-    Ok(())
+    Ok(computer)
 }
 
 /// The next call, if one has come. Frames that are damaged are dropped; a bench asks again.

@@ -10,7 +10,7 @@ use firmware_core::{
     SENSORS_MAX, USERS_MAX,
     time::Tick,
     controller::{ChannelState, Controller},
-    link::{self, Arrival, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION},
+    link::{self, Arrival, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION, frame_max},
     policy::StraightLine,
 };
 use libfuzzer_sys::fuzz_target;
@@ -46,8 +46,8 @@ fn sealed(body: &[u8]) -> Vec<u8> {
 
 fn receive(bytes: &[u8]) {
     let mut wide = Decoder::<FRAME_MAX>::new();
-    // A receiver with less room, in single precision: what is too long for it is dropped.
-    let mut narrow = Decoder::<64>::new();
+    // A receiver of fewer users and sensors, in single precision: what is too long for it is dropped.
+    let mut narrow = Decoder::<{ frame_max::<f32>(2, 3) }>::new();
     for &byte in bytes {
         let _ = narrow.push::<f32, 2, 3>(byte);
         let outcome: Option<Result<HostMessage, _>> = wide.push(byte);

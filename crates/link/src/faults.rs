@@ -119,7 +119,7 @@ impl Fault {
             3 => Self::Repeat(rate),
             4 => Self::Cut,
             5 => Self::Silence,
-            6 => Self::Flood(random.random_range(1..4 * frame_max(USERS_MAX, SENSORS_MAX))),
+            6 => Self::Flood(random.random_range(1..4 * frame_max::<f64>(USERS_MAX, SENSORS_MAX))),
             7 => Self::OtherVersion,
             8 => Self::Echo,
             9 => Self::Twice,

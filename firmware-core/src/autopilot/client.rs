@@ -18,7 +18,15 @@ use crate::limits::MotionLimits;
 use crate::scalar::Scalar;
 use crate::time::Instant;
 
-/// The MAVLink client. About 8 kB; see the module's documentation.
+/// The MAVLink client; see the module's documentation. Its size on a 64-bit host, which does not depend
+/// on the capacities for users and sensors:
+///
+/// ```
+/// # use firmware_core::autopilot::Autopilot;
+/// # let about = |bytes: usize, size: usize| assert!(size.abs_diff(bytes) <= bytes / 20, "{size}");
+/// about(6_400, size_of::<Autopilot<f32>>());
+/// about(8_400, size_of::<Autopilot<f64>>());
+/// ```
 ///
 /// What exists in one phase only is in `state`. The other fields are needed in several phases, or
 /// outlive a phase that can end at any time.
@@ -85,7 +93,15 @@ impl<T: Scalar> Autopilot<T> {
     /// Returns an error if a setting is invalid.
     pub fn new(settings: AutopilotSettings<T>) -> Result<Self, SettingsError> {
         settings.check()?;
-        let mut client = Self {
+        let mut client = Self::with_checked(settings);
+        client.update_limits();
+        Ok(client)
+    }
+
+    /// Creates a client with valid settings. [`update_limits`](Self::update_limits) must follow.
+    #[inline(always)] // so that it is built where it stays: see `Onboard::new_in`
+    pub(crate) fn with_checked(settings: AutopilotSettings<T>) -> Self {
+        Self {
             map: MapFrame::new(settings.map_origin),
             limits: settings.limits,
             parameter_limits: MotionLimits::ideal(),
@@ -114,9 +130,7 @@ impl<T: Scalar> Autopilot<T> {
             silent: false,
             restore_now: false,
             events: Events::default(),
-        };
-        client.update_limits();
-        Ok(client)
+        }
     }
 
     /// Returns the settings.
@@ -199,7 +213,7 @@ impl<T: Scalar> Autopilot<T> {
     }
 
     /// Updates the vehicle's limits after the settings' or the parameters' limits have changed.
-    pub(super) fn update_limits(&mut self) {
+    pub(crate) fn update_limits(&mut self) {
         let (settings, parameters) = (&self.settings.limits, &self.parameter_limits);
         let speed_mps = settings.speed_mps.min(parameters.speed_mps);
         let jerk_mps3 = settings.jerk_mps3.min(parameters.jerk_mps3);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard computer that a board creates from an order.
 
+use core::mem::MaybeUninit;
+
 use heapless::String;
 
 use super::{
@@ -11,6 +13,7 @@ use crate::{
     Mission, SENSORS_MAX, USERS_MAX,
     autopilot::{Autopilot, AutopilotSettings, failsafe::Watch, preflight::Preflight},
     controller::Controller,
+    inner::ExactSolver,
     mission::MissionChange,
     onboard::{Onboard, OnboardSettings},
     planner::{Capacity, Memory, OperationsInFlight, Planner, PlannerError},
@@ -65,6 +68,14 @@ pub fn board_planner<'p, S: Memory<f32>>(
     let planner = Planner::new_in(place, mission, PLANNER_CAPACITY, memory)?;
     planner.set_operations_in_flight(&PLANNER_OPERATIONS);
     Ok(planner)
+}
+
+/// Returns the settings of a board's slot cycle.
+fn board_settings() -> OnboardSettings {
+    OnboardSettings {
+        planning_operations: PLANNER_OPERATIONS_PER_POLL,
+        ..OnboardSettings::default()
+    }
 }
 
 /// The policies of a board.
@@ -160,6 +171,24 @@ impl MissionOrder {
         Ok(BoardMission::new(self.mission.clone())?)
     }
 
+    /// Creates the policy of this order.
+    fn policy<B: AsRef<[u8]> + Clone, P>(
+        &self,
+        mission: &BoardMission,
+        trained: Option<&Mlp<B>>,
+        planner: Option<P>,
+    ) -> Result<BoardPolicy<B, P>, OrderError> {
+        Ok(match self.policy_kind {
+            PolicyKind::Trained => {
+                let trained = trained.ok_or(OrderError::NoPolicy)?;
+                trained.provenance().check(mission)?;
+                BoardPolicy::Trained(trained.clone())
+            }
+            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(mission)),
+            PolicyKind::Plan => BoardPolicy::Plan(planner.ok_or(OrderError::NoPlanner)?),
+        })
+    }
+
     /// Creates the onboard computer that flies this order once it is [launched](Self::launch).
     /// `trained` is the policy of the board, if it has one, and `planner` its planner for the
     /// mission, which is used where the order asks for [`PolicyKind::Plan`].
@@ -173,26 +202,43 @@ impl MissionOrder {
         planner: Option<P>,
     ) -> Result<BoardComputer<B, P>, OrderError> {
         let mission = BoardMission::new(self.mission.clone())?;
-        let policy = match self.policy_kind {
-            PolicyKind::Trained => {
-                let trained = trained.ok_or(OrderError::NoPolicy)?;
-                trained.provenance().check(&mission)?;
-                BoardPolicy::Trained(trained.clone())
-            }
-            PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(&mission)),
-            PolicyKind::Plan => BoardPolicy::Plan(planner.ok_or(OrderError::NoPlanner)?),
-        };
+        let policy = self.policy(&mission, trained, planner)?;
         let autopilot = Autopilot::new(self.flight())?;
         let controller = Controller::new(mission, policy);
-        let settings = OnboardSettings {
-            planning_operations: PLANNER_OPERATIONS_PER_POLL,
-            ..OnboardSettings::default()
-        };
-        let mut computer = Onboard::new(settings, controller, autopilot);
+        let mut computer = Onboard::new(board_settings(), controller, autopilot);
+        self.authenticate(&mut computer);
+        Ok(computer)
+    }
+
+    /// As [`build`](Self::build), for a computer that stays in this memory: see [`Onboard::new_in`].
+    /// The memory is taken unless the order is refused, so that another can be flown.
+    ///
+    /// # Errors
+    /// As [`build`](Self::build), and if the memory is in use.
+    pub fn build_in<'p, B: AsRef<[u8]> + Clone, P: Policy<f32, USERS_MAX>>(
+        &self,
+        memory: &mut Option<&'p mut MaybeUninit<BoardComputer<B, P>>>,
+        trained: Option<&Mlp<B>>,
+        planner: Option<P>,
+    ) -> Result<&'p mut BoardComputer<B, P>, OrderError> {
+        let mission = BoardMission::new(self.mission.clone())?;
+        let policy = self.policy(&mission, trained, planner)?;
+        let flight = self.flight();
+        flight.check()?;
+        let place = memory.take().ok_or(OrderError::MemoryInUse)?;
+        let parts = (policy, ExactSolver);
+        let computer = Onboard::new_in(place, board_settings(), mission, parts, flight)?;
+        self.authenticate(computer);
+        Ok(computer)
+    }
+
+    fn authenticate<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>>(
+        &self,
+        computer: &mut BoardComputer<B, P>,
+    ) {
         if let Some(credentials) = &self.ground_link {
             computer.authenticate_ground(credentials.clone());
         }
-        Ok(computer)
     }
 
     /// Launches the computer that was [built](Self::build) for this order, with the order's MAVLink

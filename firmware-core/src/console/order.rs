@@ -78,6 +78,9 @@ pub enum OrderError {
     /// The board has no trained policy.
     #[error("the board has no trained policy")]
     NoPolicy,
+    /// The board's memory holds the computer of another order.
+    #[error("the board has memory for one computer, which is in use")]
+    MemoryInUse,
     /// The autopilot settings are invalid.
     #[error(transparent)]
     Flight(#[from] SettingsError),

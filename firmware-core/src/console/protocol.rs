@@ -6,8 +6,15 @@ use serde::{Deserialize, Serialize};
 
 use super::order::MissionOrder;
 use crate::{
-    autopilot::{Phase, wire::signing::SigningState},
-    link::{self, Decoder, FrameError, FrameTooLong},
+    SENSORS_MAX, USERS_MAX,
+    autopilot::{
+        Phase,
+        wire::signing::{STREAMS_MAX, SigningState},
+    },
+    link::{
+        self, Decoder, FrameError, FrameTooLong,
+        length::{LENGTH, U8, U32, U64, framed, longer},
+    },
     onboard::Stage,
     scalar::Position,
     time::Instant,
@@ -18,10 +25,52 @@ pub const CONSOLE_VERSION: u8 = 132;
 
 /// The length of the longest frame: an order with the largest number of users, sensors and streams
 /// of signed frames, and both keys.
-pub const CONSOLE_FRAME_MAX: usize = 1090;
+pub const CONSOLE_FRAME_MAX: usize = framed(U8 + order_max(USERS_MAX, SENSORS_MAX));
 
 /// The length of the longest text.
 pub const TEXT_MAX: usize = 120;
+
+/// The length of the longest frame of a [`BoardReport`].
+pub const REPORT_FRAME_MAX: usize = {
+    let text = LENGTH + TEXT_MAX;
+    let ready = U8 + LENGTH + DIGEST_LENGTH;
+    let tock = 2 * U32 + 2 * U8 + (U8 + 3 * REAL) + 3 * U32;
+    let footprint = 4 * U32;
+    let signing = U8 + SIGNING_STATE;
+    framed(
+        U8 + longer(
+            longer(text, ready),
+            longer(longer(tock, footprint), signing),
+        ),
+    )
+};
+
+/// The length of a mission's digest, in hexadecimal digits.
+const DIGEST_LENGTH: usize = 64;
+
+/// The most bytes of a number in single precision.
+const REAL: usize = 4;
+
+/// The most bytes of the state of MAVLink signing. Its times have 48 bits.
+const SIGNING_STATE: usize = {
+    const TIME: usize = 7;
+    const STREAM: usize = U8 + 2 * U8 + TIME;
+    TIME + LENGTH + STREAMS_MAX * STREAM
+};
+
+/// Returns the most bytes of a [`MissionOrder`] with up to so many users and sensors.
+const fn order_max(users: usize, sensors: usize) -> usize {
+    let mission = U32 + 18 * REAL + LENGTH + users * 2 * REAL + LENGTH + sensors * 2 * REAL;
+    let map_origin = 2 * U32;
+    let limits = 3 * REAL;
+    let geofence = U8 + 5 * REAL;
+    let ground_patience = U8 + U64;
+    let policy_and_clock = 2 * U8;
+    let ground_link = U8 + 32 + 12;
+    let mavlink_key = U8 + 32 + U8 + SIGNING_STATE;
+    let vehicle = map_origin + limits + geofence;
+    mission + vehicle + ground_patience + policy_and_clock + ground_link + mavlink_key
+}
 
 /// One moment of a bench's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,7 +147,7 @@ pub enum BoardReport {
     Ready {
         /// The digest of the mission that the policy was trained for, by which the bench finds that
         /// it is another mission; `None` if the policy is a rule.
-        scenario_digest: Option<String<64>>,
+        scenario_digest: Option<String<DIGEST_LENGTH>>,
     },
     /// The order was refused for this reason; another may follow.
     Refused(String<TEXT_MAX>),
@@ -120,11 +169,8 @@ pub enum BoardReport {
 /// # Errors
 /// Returns an error if the frame does not fit; [`CONSOLE_FRAME_MAX`] bytes always suffice.
 pub fn encode_call<'f>(call: &Call, frame: &'f mut [u8]) -> Result<&'f [u8], FrameTooLong> {
-    link::seal::<CONSOLE_FRAME_MAX>(CONSOLE_VERSION, call, frame)
+    link::seal(CONSOLE_VERSION, call, frame)
 }
-
-/// The length of the longest frame of a [`BoardReport`].
-pub const REPORT_FRAME_MAX: usize = 192;
 
 /// Writes a report as a frame.
 ///
@@ -134,7 +180,7 @@ pub fn encode_report<'f>(
     report: &BoardReport,
     frame: &'f mut [u8],
 ) -> Result<&'f [u8], FrameTooLong> {
-    link::seal::<REPORT_FRAME_MAX>(CONSOLE_VERSION, report, frame)
+    link::seal(CONSOLE_VERSION, report, frame)
 }
 
 /// The board's decoder: finds calls in a stream of bytes.
@@ -191,6 +237,7 @@ mod tests {
             signing::{SigningKey, SigningTime, StreamTime},
         },
     };
+    use crate::time::Duration;
 
     /// The longest state: every stream in use, at the latest time.
     fn longest_state() -> SigningState {
@@ -207,6 +254,14 @@ mod tests {
         state
     }
 
+    /// The bound is that of the longest frame, but for `lengths` lengths of vectors, which take one
+    /// byte of the three that the bound has for each, and what COBS saves.
+    fn assert_is_tight(frame: &[u8], bound: usize, lengths: usize) {
+        let plain = cobs::decode_in_place(&mut frame[1..frame.len() - 1].to_vec());
+        let message = plain.expect("a frame") - 5;
+        assert_eq!(framed(message + 2 * lengths), bound);
+    }
+
     #[test]
     fn the_longest_order_fits_and_survives() {
         let mut order = order();
@@ -218,6 +273,7 @@ mod tests {
             longitude_e7: i32::MIN,
         };
         order.mission.slots = u32::MAX;
+        order.ground_patience = Some(Duration::from_micros(u64::MAX));
         order.mavlink_key = Some(MavlinkKey {
             key: SigningKey::new([0xAB; 32]),
             link: u8::MAX,
@@ -229,6 +285,7 @@ mod tests {
         );
         let mut buffer = [0; CONSOLE_FRAME_MAX];
         let frame = encode_call(&Call::Order(order.clone()), &mut buffer).expect("fits");
+        assert_is_tight(frame, CONSOLE_FRAME_MAX, 3);
         let mut calls = Calls::default();
         let got: std::vec::Vec<_> = frame.iter().filter_map(|&b| calls.push(b)).collect();
         assert_eq!(got, [Ok(Call::Order(order))]);
@@ -238,16 +295,41 @@ mod tests {
     fn the_longest_report_fits_and_survives() {
         let text = words(&"x".repeat(200));
         assert_eq!(text.len(), TEXT_MAX);
+        let footprint = Footprint {
+            stack_bytes: u32::MAX,
+            computer_bytes: u32::MAX,
+            lost_bytes: u32::MAX,
+            unsent_frames: u32::MAX,
+        };
+        let tock = Tock {
+            ground_bytes: u32::MAX,
+            mavlink_bytes: u32::MAX,
+            stage: Stage::Aborted,
+            phase: Phase::Failed,
+            place: Some((Position::new(1.0, 2.0), 3.0)),
+            cost: Cost {
+                round_ns: u32::MAX,
+                plan_ns: u32::MAX,
+                allocate_ns: u32::MAX,
+            },
+        };
+        let mut longest = std::vec::Vec::new();
         for report in [
             BoardReport::Aborted(text),
+            BoardReport::Footprint(footprint),
+            BoardReport::Tock(tock),
             BoardReport::Signing(Some(longest_state())),
         ] {
             let mut buffer = [0; REPORT_FRAME_MAX];
             let frame = encode_report(&report, &mut buffer).expect("fits");
+            if frame.len() > longest.len() {
+                longest = frame.to_vec();
+            }
             let mut reports = Reports::default();
             let got: std::vec::Vec<_> = frame.iter().filter_map(|&b| reports.push(b)).collect();
             assert_eq!(got, [Ok(report)]);
         }
+        assert_is_tight(&longest, REPORT_FRAME_MAX, 1);
     }
 
     /// The bytes of a frame are a format: a change of them is a new version.

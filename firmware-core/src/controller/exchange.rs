@@ -13,6 +13,20 @@ use crate::{
     units::{PowerGain, Watt},
 };
 
+/// Checks, at compile time in a constant, that a [`SlotCommand`] can count the gains of so many users
+/// and sensors, which it does with 16 bits.
+///
+/// # Panics
+/// Panics if it cannot.
+pub(crate) const fn check_gain_count(users: usize, sensors: usize) {
+    const MOST: usize = u16::MAX as usize;
+    assert!(
+        users <= MOST && sensors <= MOST - users,
+        "the capacities M for users and J for sensors are together more than 65,535, the most that \
+         a slot command can count (`rejected_gains`, `unheard_sensors`)"
+    );
+}
+
 /// The channels of one slot, measured at the position reached.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]

@@ -76,6 +76,7 @@ use changes::Pending;
 pub use changes::{CHANGES_MAX, DatedChange};
 pub use command_check::CommandError;
 pub use error::ControllerError;
+pub(crate) use exchange::check_gain_count;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
 use speed_estimator::SpeedEstimator;
 
@@ -118,7 +119,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
 {
     /// As [`new`](Controller::new), with another solver: a [`Method`](crate::inner::Method), for
     /// example.
+    ///
+    /// Capacities for users and sensors that are together more than 65,535 do not compile.
+    #[inline(always)] // so that it is built where it stays: see `Onboard::new_in`
     pub fn with_solver(mission: Mission<T, M, J>, policy: P, solver: S) -> Self {
+        const { check_gain_count(M, J) };
         Self {
             allocator: Allocator::new(&mission, solver),
             fairness: Fairness::new(&mission),

@@ -4,7 +4,7 @@
 use super::{
     error::{EncodeError, FrameError},
     frame::{Decoder, decode_message, encode},
-    message::{FRAME_MAX, Message, PROTOCOL_VERSION, secure_frame_max},
+    message::{FRAME_MAX, HANDSHAKE_FRAME_MAX, Message, PROTOCOL_VERSION, secure_frame_max},
     security::{Authenticator, Credentials, Side},
     status::{LinkCounters, SecurityCounters},
 };
@@ -18,13 +18,16 @@ use crate::scalar::Scalar;
 /// `docs/link-protocol.md`. The caller sends what [`take_handshake`](Self::take_handshake) returns, and the
 /// vehicle's caller asks for a session with [`offer`](Self::offer), in time intervals of its choice while
 /// there is none, and once in a slot, so that a ground that was restarted can answer.
+///
+/// `N` is the length of the longest frame that it accepts. It must be at least [`secure_frame_max`] of
+/// the messages, otherwise [`push`](Self::push) does not compile.
 #[derive(Clone, Debug, Default)]
-pub struct Endpoint {
-    decoder: Decoder,
+pub struct Endpoint<const N: usize = FRAME_MAX> {
+    decoder: Decoder<N>,
     authenticator: Option<Authenticator>,
 }
 
-impl Endpoint {
+impl<const N: usize> Endpoint<N> {
     /// Creates an end without authentication that has received nothing.
     pub fn new() -> Self {
         Self::default()
@@ -83,16 +86,39 @@ impl Endpoint {
 
     /// Returns the frame of the handshake that is to be sent, if there is one. Call after every byte
     /// or piece that was received.
-    pub fn take_handshake<'f>(&mut self, frame: &'f mut [u8; FRAME_MAX]) -> Option<&'f [u8]> {
+    ///
+    /// A buffer of less than [`HANDSHAKE_FRAME_MAX`] bytes does not compile.
+    pub fn take_handshake<'f, const B: usize>(
+        &mut self,
+        frame: &'f mut [u8; B],
+    ) -> Option<&'f [u8]> {
+        const {
+            assert!(
+                HANDSHAKE_FRAME_MAX <= B,
+                "the buffer is shorter than a frame of the handshake: it must have at least \
+                 `link::HANDSHAKE_FRAME_MAX` bytes"
+            )
+        };
         self.authenticator.as_mut()?.take_handshake(frame)
     }
 
     /// Takes a byte. At the end of a frame with a message it returns the message, or the error if the
     /// frame is not taken.
+    ///
+    /// A capacity `N` that is too small for messages of these capacities does not compile:
+    ///
+    /// ```compile_fail,E0080
+    /// use firmware_core::link::Endpoint;
+    ///
+    /// // 100 sensors, but frames for 64.
+    /// let mut end: Endpoint = Endpoint::new();
+    /// end.push::<f64, 16, 100>(0);
+    /// ```
     pub fn push<T: Scalar, const M: usize, const J: usize>(
         &mut self,
         byte: u8,
     ) -> Option<Result<Message<T, M, J>, FrameError>> {
+        const { check_length::<T, M, J, N>() };
         let authenticator = &mut self.authenticator;
         self.decoder.push_with(byte, |plain| match authenticator {
             Some(authenticator) => authenticator.open(plain),
@@ -104,9 +130,10 @@ impl Endpoint {
     /// a copy. `decoder` holds the bytes of the frame so far.
     pub fn observe<T: Scalar, const M: usize, const J: usize>(
         &mut self,
-        decoder: &mut Decoder,
+        decoder: &mut Decoder<N>,
         byte: u8,
     ) -> Option<Result<Message<T, M, J>, FrameError>> {
+        const { check_length::<T, M, J, N>() };
         let authenticator = &mut self.authenticator;
         decoder.push_with(byte, |plain| match authenticator {
             Some(authenticator) => authenticator.open_sent(plain),
@@ -116,25 +143,26 @@ impl Endpoint {
 
     /// Writes a message as a frame into `frame` and returns the bytes to send.
     ///
-    /// Capacities `M` and `J` whose messages could outgrow [`FRAME_MAX`] do not compile.
-    ///
     /// # Errors
-    /// Returns an error if there is no session, or if the frame does not fit; [`FRAME_MAX`] bytes
-    /// always suffice.
+    /// Returns an error if there is no session, or if the frame does not fit;
+    /// [`secure_frame_max`] bytes always suffice.
     pub fn encode<'f, T: Scalar, const M: usize, const J: usize>(
         &mut self,
         message: &Message<T, M, J>,
         frame: &'f mut [u8],
     ) -> Result<&'f [u8], EncodeError> {
-        const {
-            assert!(
-                secure_frame_max(M, J) <= FRAME_MAX,
-                "a message can outgrow a frame"
-            )
-        };
         match &mut self.authenticator {
             Some(authenticator) => authenticator.seal(Some(message), frame),
             None => Ok(encode(message, frame)?),
         }
     }
+}
+
+/// Checks, at compile time, that frames of `N` bytes hold every message.
+const fn check_length<T: Scalar, const M: usize, const J: usize, const N: usize>() {
+    assert!(
+        secure_frame_max::<T>(M, J) <= N,
+        "the frames of this `link::Endpoint<N>` are too short for M users and J sensors: N must be \
+         at least `link::secure_frame_max::<T>(M, J)`"
+    );
 }

@@ -6,21 +6,20 @@ use heapless::Vec;
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{
-    byte_stuffing::unstuff,
+    byte_stuffing::{most_encodable, stuff, unstuff},
     error::{FrameError, FrameTooLong},
-    message::{FRAME_MAX, Message, PROTOCOL_VERSION, secure_frame_max},
+    message::{FRAME_MAX, Message, PROTOCOL_VERSION, frame_max},
     status::LinkCounters,
 };
 use crate::{counter::count, scalar::Scalar};
 
 pub(super) const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CRC_LENGTH: usize = 4;
 
 /// Writes a message as a frame into `frame` and returns the bytes to send.
 ///
-/// Capacities `M` and `J` whose messages could outgrow [`FRAME_MAX`] do not compile.
-///
 /// # Errors
-/// Returns an error if the frame does not fit; [`FRAME_MAX`] bytes always suffice.
+/// Returns an error if the frame does not fit; [`frame_max`] bytes always suffice.
 pub fn encode<'f, T: Scalar, const M: usize, const J: usize>(
     message: &Message<T, M, J>,
     frame: &'f mut [u8],
@@ -37,52 +36,56 @@ pub fn encode_as<'f, T: Scalar, const M: usize, const J: usize>(
     message: &Message<T, M, J>,
     frame: &'f mut [u8],
 ) -> Result<&'f [u8], FrameTooLong> {
-    const {
-        assert!(
-            secure_frame_max(M, J) <= FRAME_MAX,
-            "a message can outgrow a frame"
-        )
-    };
-    seal::<FRAME_MAX>(version, message, frame)
+    seal(version, message, frame)
 }
 
-/// Encodes a message of any protocol as a frame of at most `N` bytes.
-pub(crate) fn seal<'f, const N: usize>(
+/// Encodes a message of any protocol as a frame.
+pub(crate) fn seal<'f>(
     version: u8,
     message: &impl Serialize,
     frame: &'f mut [u8],
 ) -> Result<&'f [u8], FrameTooLong> {
-    let capacity = frame.len();
-    let too_long = FrameTooLong { capacity };
-    let mut plain = [0; N];
-    plain[0] = version;
-    let body = postcard::to_slice(message, &mut plain[1..N - 4]).map_err(|_| too_long)?;
-    let end = 1 + body.len();
-    wrap(&mut plain, end, frame)
+    write_frame(frame, |plain| {
+        let (first, rest) = plain.split_first_mut()?;
+        *first = version;
+        Some(1 + postcard::to_slice(message, rest).ok()?.len())
+    })
 }
 
-/// Appends the CRC to the first `end` bytes of `plain` and writes them as a frame.
-pub(super) fn wrap<'f>(
-    plain: &mut [u8],
-    end: usize,
+/// Writes a frame. `write` puts what the CRC covers at the beginning of the bytes that it is given,
+/// and returns the length; `None` if it does not fit.
+pub(super) fn write_frame<'f>(
     frame: &'f mut [u8],
+    write: impl FnOnce(&mut [u8]) -> Option<usize>,
 ) -> Result<&'f [u8], FrameTooLong> {
     let capacity = frame.len();
-    let too_long = FrameTooLong { capacity };
-    let (checked, rest) = plain.split_at_mut_checked(end).ok_or(too_long)?;
-    *rest.first_chunk_mut().ok_or(too_long)? = CHECKSUM.checksum(checked).to_le_bytes();
-    let plain = plain.get(..end + 4).ok_or(too_long)?;
-    if 1 + cobs::max_encoding_length(plain.len()) + 1 > capacity {
-        return Err(too_long);
-    }
-    let (start, room) = frame.split_first_mut().ok_or(too_long)?;
-    *start = 0;
-    let encoded = cobs::try_encode(plain, room).map_err(|_| too_long)?;
-    *room.get_mut(encoded).ok_or(too_long)? = 0;
-    frame.get(..encoded + 2).ok_or(too_long)
+    let length = frame_in_place(frame, write).ok_or(FrameTooLong { capacity })?;
+    frame.get(..length).ok_or(FrameTooLong { capacity })
 }
 
-/// Finds messages in a stream of bytes. `N` is the length of the longest frame that it accepts.
+/// As [`write_frame`]; returns the length of the frame. The bytes are written behind as many as COBS
+/// may add to them, and encoded in place, so that no second buffer is needed.
+fn frame_in_place(
+    frame: &mut [u8],
+    write: impl FnOnce(&mut [u8]) -> Option<usize>,
+) -> Option<usize> {
+    let (start, rest) = frame.split_first_mut()?;
+    *start = 0;
+    let encodable = rest.len().checked_sub(1)?;
+    let most = most_encodable(encodable);
+    let begin = encodable - most;
+    let plain = rest.get_mut(begin..encodable)?;
+    let covered = write(plain.get_mut(..most.checked_sub(CRC_LENGTH)?)?)?;
+    let (checked, behind) = plain.split_at_mut_checked(covered)?;
+    *behind.first_chunk_mut::<CRC_LENGTH>()? = CHECKSUM.checksum(checked).to_le_bytes();
+    let length = covered + CRC_LENGTH;
+    let encoded = stuff(rest, begin + length, length)?;
+    *rest.get_mut(encoded)? = 0;
+    Some(1 + encoded + 1)
+}
+
+/// Finds messages in a stream of bytes. `N` is the length of the longest frame that it accepts, at
+/// least [`frame_max`] of the messages that it decodes.
 #[derive(Clone, Debug, Default)]
 pub struct Decoder<const N: usize = FRAME_MAX> {
     buffer: Vec<u8, N>,
@@ -106,10 +109,28 @@ impl<const N: usize> Decoder<N> {
     }
 
     /// Takes a byte. At the end of a frame it returns the message, or the error if there is none.
+    ///
+    /// A capacity `N` that is too small for messages of these capacities does not compile:
+    ///
+    /// ```compile_fail,E0080
+    /// use firmware_core::link::Decoder;
+    ///
+    /// // 100 sensors, but frames for 64.
+    /// let mut decoder: Decoder = Decoder::new();
+    /// decoder.push::<f64, 16, 100>(0);
+    /// ```
     pub fn push<T: Scalar, const M: usize, const J: usize>(
         &mut self,
         byte: u8,
     ) -> Option<Result<Message<T, M, J>, FrameError>> {
+        const {
+            assert!(
+                frame_max::<T>(M, J) <= N,
+                "the frames of this `link::Decoder<N>` are too short for M users and J sensors: N \
+                 must be at least `link::frame_max::<T>(M, J)`, and where the link is authenticated \
+                 `link::secure_frame_max::<T>(M, J)`"
+            )
+        };
         self.push_of(PROTOCOL_VERSION, byte)
     }
 

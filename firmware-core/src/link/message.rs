@@ -3,10 +3,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::status::{SecurityCounters, VehicleStatus};
+use super::{
+    length::{LENGTH, U8, U16, U32, U64, framed, longer},
+    status::{SecurityCounters, VehicleStatus},
+};
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    controller::{ChannelState, DatedChange, Plan, SlotCommand},
+    controller::{ChannelState, DatedChange, Plan, SlotCommand, check_gain_count},
     scalar::{Position, Scalar},
     time::Tick,
 };
@@ -27,46 +30,48 @@ pub(super) const TAG: usize = 16;
 const AUTHENTICATION: usize = 1 + NONCE + 4 + TAG;
 
 /// The longest frame at the default capacities, in double precision, authenticated or not.
-pub const FRAME_MAX: usize = secure_frame_max(USERS_MAX, SENSORS_MAX);
+pub const FRAME_MAX: usize = secure_frame_max::<f64>(USERS_MAX, SENSORS_MAX);
+
+/// The longest frame of the handshake of an authenticated link, which has no message.
+pub const HANDSHAKE_FRAME_MAX: usize = framed(AUTHENTICATION);
 
 /// Returns the length of the longest authenticated frame: see [`frame_max`].
-pub const fn secure_frame_max(users: usize, sensors: usize) -> usize {
-    framed(plain_max(users, sensors) + AUTHENTICATION)
+///
+/// ```
+/// use firmware_core::link::{FRAME_MAX, secure_frame_max};
+///
+/// assert_eq!(FRAME_MAX, secure_frame_max::<f64>(16, 64));
+/// // Frames for 4 users and 8 sensors in single precision are a third as long.
+/// assert!(secure_frame_max::<f32>(4, 8) < FRAME_MAX / 3);
+/// ```
+pub const fn secure_frame_max<T: Scalar>(users: usize, sensors: usize) -> usize {
+    framed(message_max::<T>(users, sensors) + AUTHENTICATION)
 }
 
 /// Returns the length of the longest frame without authentication for up to so many users and
-/// sensors, in double precision, delimiters included. Whether every message fits is checked at compile time: see
-/// [`encode`](super::encode).
+/// sensors, with numbers of type `T`, delimiters included.
 ///
 /// The longest message is a channel state, a command or a status. An arrival, a change and the
 /// counters of authentication are shorter than a status, whatever the capacities.
-pub const fn frame_max(users: usize, sensors: usize) -> usize {
-    framed(plain_max(users, sensors))
+///
+/// # Panics
+/// Panics, at compile time in a constant, if users and sensors together are more than 65,535: a
+/// command counts their gains with 16 bits.
+pub const fn frame_max<T: Scalar>(users: usize, sensors: usize) -> usize {
+    framed(message_max::<T>(users, sensors))
 }
 
-/// Returns the length of a frame around so many bytes, at most.
-const fn framed(plain: usize) -> usize {
-    1 + cobs::max_encoding_length(plain) + 1
-}
-
-/// Returns the length of version, longest message and CRC.
-const fn plain_max(users: usize, sensors: usize) -> usize {
-    // postcard: integers in groups of 7 bits, enumerations and lengths as integers.
-    const REAL: usize = 8;
-    const U8: usize = 1;
-    const U16: usize = 3;
-    const U32: usize = 5;
-    const INDEX: usize = 10;
-    const LENGTH: usize = 3;
-    const fn larger(a: usize, b: usize) -> usize {
-        if a > b { a } else { b }
-    }
-    let state = U32 + LENGTH + users * REAL + LENGTH + sensors * REAL;
-    let reals = LENGTH + sensors * REAL + 4 * REAL;
-    let command = U32 + (U8 + INDEX) + reals + (U8 + REAL) + U8 + U32 + 2 * U16;
-    let status = VehicleStatus::COUNTERS * U32 + (U8 + 2 * REAL / 2 + U8);
-    let message = U8 + larger(state, larger(command, status));
-    1 + message + 4
+/// Returns the length of the longest message.
+const fn message_max<T: Scalar>(users: usize, sensors: usize) -> usize {
+    check_gain_count(users, sensors);
+    let real = size_of::<T>();
+    let state = U32 + LENGTH + users * real + LENGTH + sensors * real;
+    let reals = LENGTH + sensors * real + 4 * real;
+    // A `usize` is a `u64` on a host.
+    let command = U32 + (U8 + U64) + reals + (U8 + real) + U8 + U32 + 2 * U16;
+    let plan_quality = U8 + 2 * size_of::<f32>() + U8;
+    let status = VehicleStatus::COUNTERS * U32 + plan_quality;
+    U8 + longer(state, longer(command, status))
 }
 
 /// A message between the ground and the vehicle.

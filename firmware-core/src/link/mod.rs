@@ -46,6 +46,7 @@ mod byte_stuffing;
 mod endpoint;
 mod error;
 mod frame;
+pub(crate) mod length;
 mod message;
 mod security;
 pub mod status;
@@ -56,8 +57,8 @@ pub use error::{EncodeError, FrameError, FrameTooLong, Refusal};
 pub(crate) use frame::seal;
 pub use frame::{Decoder, encode, encode_as};
 pub use message::{
-    Arrival, FRAME_MAX, Message, NumberedChange, PROTOCOL_VERSION, SECURE_VERSION, frame_max,
-    secure_frame_max,
+    Arrival, FRAME_MAX, HANDSHAKE_FRAME_MAX, Message, NumberedChange, PROTOCOL_VERSION,
+    SECURE_VERSION, frame_max, secure_frame_max,
 };
 pub use security::{Credentials, GroundKey};
 pub use status::{LinkCounters, SecurityCounters, SlotCounters, VehicleStatus};

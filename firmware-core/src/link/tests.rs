@@ -126,7 +126,7 @@ fn too_small_a_buffer_is_an_error() {
         plain.pop();
         let plain = cobs::decode_in_place(&mut plain[1..]).expect("a frame");
         let needed = 1 + cobs::max_encoding_length(plain) + 1;
-        for capacity in 0..=frame_max(16, 64) {
+        for capacity in 0..=frame_max::<f64>(16, 64) {
             let mut buffer = [0; FRAME_MAX];
             let outcome = encode(&message, &mut buffer[..capacity]);
             if capacity < needed {
@@ -197,7 +197,7 @@ fn the_longest_frame_is_known() {
     }
     // COBS may save two bytes in a bound of three; lengths below 128 take one byte, not three.
     let longest = frame(&largest_state()).len();
-    let most = frame_max(16, 64);
+    let most = frame_max::<f64>(16, 64);
     assert!((most - 8..=most).contains(&longest), "{longest} of {most}");
     // Kind, nonce, counter and tag: 37 bytes, which COBS does not lengthen.
     assert_eq!((most, FRAME_MAX), (662, 699));
@@ -221,7 +221,11 @@ fn the_bound_is_that_of_the_longest_message() {
         bytes.pop();
         let plain = cobs::decode_in_place(&mut bytes[1..]).expect("a frame");
         let longest = 1 + cobs::max_encoding_length(plain + 2 * lengths) + 1;
-        assert_eq!(longest, frame_max(users, sensors), "{users} {sensors}");
+        assert_eq!(
+            longest,
+            frame_max::<f64>(users, sensors),
+            "{users} {sensors}"
+        );
     }
 }
 
@@ -276,7 +280,7 @@ fn the_longest_arrival_and_change_are_shorter_than_a_status() {
     ];
     for message in changes.map(change).into_iter().chain([arrival]) {
         let length = frame(&message).len();
-        assert!(length < frame_max(0, 0), "{message:?}: {length}");
+        assert!(length < frame_max::<f64>(0, 0), "{message:?}: {length}");
     }
 }
 

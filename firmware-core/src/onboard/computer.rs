@@ -1,13 +1,19 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! The onboard computer: its parts and its state.
 
+use core::mem::MaybeUninit;
+
 use super::stage::{Fault, Stage};
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    autopilot::{Autopilot, wire},
+    autopilot::{Autopilot, AutopilotSettings, SettingsError, wire},
     controller::{ChannelState, Controller, SlotCommand},
     inner::{ExactSolver, SlotSolver},
-    link::{Arrival, Credentials, Endpoint, SecurityCounters, SlotCounters, VehicleStatus},
+    link::{
+        Arrival, Credentials, Endpoint, FRAME_MAX, SecurityCounters, SlotCounters, VehicleStatus,
+        secure_frame_max,
+    },
+    mission::Mission,
     policy::Policy,
     scalar::Scalar,
     time::{Duration, Instant},
@@ -45,6 +51,26 @@ pub(super) struct Measuring<T: Scalar> {
 }
 
 /// The onboard computer.
+///
+/// `M` and `J` are its capacities for users and sensors, `S` solves the slot problems, and `F` is the
+/// length of the longest frame on the ground link. With users and sensors grow the mission, the channel
+/// states, the solver's memory and the frames. What does not depend on them is the MAVLink client, the
+/// decoder of its frames, the authentication of both links, and the changes that wait for their slot
+/// ([`CHANGES_MAX`](crate::controller::CHANGES_MAX)). Sizes on a 64-bit host:
+///
+/// ```
+/// # use firmware_core::{inner::ExactSolver, onboard::Onboard, policy::StraightLine};
+/// # use firmware_core::link::secure_frame_max;
+/// # let about = |bytes: usize, size: usize| assert!(size.abs_diff(bytes) <= bytes / 20, "{size}");
+/// type Computer<const M: usize, const J: usize, const F: usize> =
+///     Onboard<f32, StraightLine<f32, M>, M, J, ExactSolver, F>;
+///
+/// about(9_320, size_of::<Computer<4, 8, { secure_frame_max::<f32>(4, 8) }>>());
+/// about(11_840, size_of::<Computer<16, 64, { secure_frame_max::<f32>(16, 64) }>>());
+/// about(58_160, size_of::<Computer<256, 1024, { secure_frame_max::<f32>(256, 1024) }>>());
+/// // The default: frames for double precision.
+/// about(12_140, size_of::<Onboard<f32, StraightLine<f32, 16>>>());
+/// ```
 #[derive(Debug)]
 pub struct Onboard<
     T: Scalar,
@@ -52,6 +78,7 @@ pub struct Onboard<
     const M: usize = USERS_MAX,
     const J: usize = SENSORS_MAX,
     S = ExactSolver,
+    const F: usize = FRAME_MAX,
 > {
     pub(super) settings: OnboardSettings,
     pub(super) slot_duration_s: f64,
@@ -66,7 +93,7 @@ pub struct Onboard<
     pub(super) began: Option<Instant>,
     pub(super) mavlink_in: wire::Decoder,
     pub(super) mavlink_out: wire::Encoder,
-    pub(super) ground: Endpoint,
+    pub(super) ground: Endpoint<F>,
     /// When a session of the ground link is offered again, while there is none.
     pub(super) offer_at: Option<Instant>,
     pub(super) channel_state: Option<ChannelState<T, M, J>>,
@@ -81,12 +108,97 @@ pub struct Onboard<
 impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
     Onboard<T, P, M, J, S>
 {
-    /// Creates a computer before take-off that has received nothing from either side.
+    /// Creates a computer before take-off that has received nothing from either side. Its ground link
+    /// has frames of up to [`FRAME_MAX`] bytes, which is enough for the default capacities.
     pub fn new(
         settings: OnboardSettings,
         controller: Controller<T, P, M, J, S>,
         autopilot: Autopilot<T>,
     ) -> Self {
+        Self::with_frames(settings, controller, autopilot)
+    }
+}
+
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>, const F: usize>
+    Onboard<T, P, M, J, S, F>
+{
+    /// As [`new`](Onboard::new), with frames of up to `F` bytes on the ground link.
+    pub fn with_frames(
+        settings: OnboardSettings,
+        controller: Controller<T, P, M, J, S>,
+        autopilot: Autopilot<T>,
+    ) -> Self {
+        Self::assemble(settings, controller, autopilot)
+    }
+
+    /// Creates a computer that stays in `place`, from its mission, policy and solver and the settings
+    /// of its MAVLink client. With a static `place`, such as that of a `StaticCell`, the stack does not
+    /// hold the computer: the client, the links and the buffers are built where they stay, and only the
+    /// controller passes over the stack. (Safe Rust leaves this to the optimizer. `cargo xtask firmware
+    /// bench` measures the stack of an image that does it.)
+    ///
+    /// # Errors
+    /// Returns an error if a setting is invalid; nothing is then written to `place`.
+    ///
+    /// ```
+    /// # use firmware_core::{
+    /// #     Mission, Position, autopilot::{AutopilotSettings, frames::Geodetic}, inner::ExactSolver,
+    /// #     link::secure_frame_max, mission::MissionParameters, policy::StraightLine,
+    /// #     onboard::{Onboard, OnboardSettings, Stage},
+    /// # };
+    /// use std::mem::MaybeUninit;
+    ///
+    /// const FRAME: usize = secure_frame_max::<f32>(4, 8);
+    /// type Computer = Onboard<f32, StraightLine<f32, 4>, 4, 8, ExactSolver, FRAME>;
+    ///
+    /// # let mission = Mission::new(MissionParameters::<f32, 4, 8> {
+    /// #     users: [Position::new(200.0, 700.0)].into_iter().collect(),
+    /// #     sensors: [Position::new(700.0, 100.0)].into_iter().collect(),
+    /// #     ..MissionParameters::table_one()
+    /// # })?;
+    /// # let p = mission.parameters();
+    /// # let origin = Geodetic { latitude_e7: 473_977_420, longitude_e7: 85_455_940 };
+    /// # let autopilot = AutopilotSettings::new(origin, p.start, p.altitude_m, p.max_speed_mps);
+    /// # let policy = StraightLine::new(&mission);
+    /// // On a board: `static PLACE: StaticCell<Computer>` and `PLACE.uninit()`.
+    /// let place: &'static mut MaybeUninit<Computer> = Box::leak(Box::new(MaybeUninit::uninit()));
+    /// let parts = (policy, ExactSolver);
+    /// let settings = OnboardSettings::default();
+    /// let computer = Onboard::new_in(place, settings, mission, parts, autopilot)?;
+    /// assert_eq!(computer.stage(), Stage::Preparing);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn new_in<'p>(
+        place: &'p mut MaybeUninit<Self>,
+        settings: OnboardSettings,
+        mission: Mission<T, M, J>,
+        (policy, solver): (P, S),
+        autopilot: AutopilotSettings<T>,
+    ) -> Result<&'p mut Self, SettingsError> {
+        autopilot.check()?;
+        let computer = place.write(Self::assemble(
+            settings,
+            Controller::with_solver(mission, policy, solver),
+            Autopilot::with_checked(autopilot),
+        ));
+        computer.autopilot.update_limits();
+        Ok(computer)
+    }
+
+    #[inline(always)] // so that it is built where it stays: see `new_in`
+    fn assemble(
+        settings: OnboardSettings,
+        controller: Controller<T, P, M, J, S>,
+        autopilot: Autopilot<T>,
+    ) -> Self {
+        const {
+            assert!(
+                secure_frame_max::<T>(M, J) <= F,
+                "the frames of this `Onboard` are too short for M users and J sensors: in its type, \
+                 `Onboard<T, P, M, J, S, F>`, F must be at least \
+                 `link::secure_frame_max::<T>(M, J)`, and it is created by `with_frames` or `new_in`"
+            )
+        };
         let slot_duration_s = controller.mission().parameters().slot_duration_s.to_f64();
         // The exchange takes place in the next slot, which has to be flown as well.
         let half_slot = Duration::from_secs_f64(slot_duration_s / 2.0);

@@ -10,15 +10,15 @@ use crate::{
     controller::{ChannelState, ControllerError},
     counter::count,
     inner::SlotSolver,
-    link::{FRAME_MAX, Message, NumberedChange},
+    link::{Message, NumberedChange, secure_frame_max},
     policy::Policy,
     scalar::Scalar,
     time::Instant,
 };
 use mavlink::dialects::common::MavMessage;
 
-impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
-    Onboard<T, P, M, J, S>
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>, const F: usize>
+    Onboard<T, P, M, J, S, F>
 {
     /// Signs every MAVLink frame from now on, and accepts only frames with a valid signature. Where
     /// the key is the present one, times and replay state are kept.
@@ -130,7 +130,19 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
     }
 
     /// Returns the next frame for the ground. Call until `None` after every [`poll`](Self::poll).
-    pub fn take_ground_frame<'b>(&mut self, buffer: &'b mut [u8; FRAME_MAX]) -> Option<&'b [u8]> {
+    ///
+    /// A buffer that is too short for a frame of these capacities does not compile.
+    pub fn take_ground_frame<'b, const B: usize>(
+        &mut self,
+        buffer: &'b mut [u8; B],
+    ) -> Option<&'b [u8]> {
+        const {
+            assert!(
+                secure_frame_max::<T>(M, J) <= B,
+                "the buffer for frames to the ground is too short for M users and J sensors: it \
+                 must have at least `link::secure_frame_max::<T>(M, J)` bytes"
+            )
+        };
         if self.ground.is_handshake_due() {
             return self.ground.take_handshake(buffer);
         }
@@ -152,7 +164,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
         } else {
             return None;
         };
-        // Every message fits: `encode` does not compile where one could be too long.
+        // Every message fits, see above.
         let frame = self.ground.encode(&message, buffer).ok();
         if frame.is_none() {
             // The session was at its last counter.

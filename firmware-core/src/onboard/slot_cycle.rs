@@ -25,8 +25,8 @@ const RELIABLE_FRACTION: f64 = 0.5;
 /// The time after which the vehicle offers a session of the ground link again, while there is none.
 const OFFER_INTERVAL: Duration = Duration::from_secs(1);
 
-impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>>
-    Onboard<T, P, M, J, S>
+impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T>, const F: usize>
+    Onboard<T, P, M, J, S, F>
 {
     /// Returns when [`poll`](Self::poll) must be called next if nothing is received before.
     pub fn poll_at(&self, now: Instant) -> Instant {

@@ -3,14 +3,14 @@
 #![no_std]
 #![no_main]
 
-use core::convert::Infallible;
+use core::{convert::Infallible, mem::MaybeUninit};
 
 use firmware::board::{Board, Line, mps2::Mps2};
 use firmware_core::{
     Mission, Position,
-    autopilot::{Autopilot, AutopilotSettings, frames::Geodetic, wire::MAX_FRAME},
-    controller::Controller,
-    link::FRAME_MAX,
+    autopilot::{AutopilotSettings, frames::Geodetic, wire::MAX_FRAME},
+    inner::ExactSolver,
+    link::secure_frame_max,
     mission::MissionParameters,
     onboard::{Onboard, OnboardSettings},
     policy::StraightLine,
@@ -20,7 +20,10 @@ use firmware_core::{
 const USERS: usize = 4;
 const SENSORS: usize = 8;
 
-type Computer = Onboard<f32, StraightLine<f32, USERS>, USERS, SENSORS>;
+/// The longest frame of the ground link.
+const FRAME: usize = secure_frame_max::<f32>(USERS, SENSORS);
+
+type Computer = Onboard<f32, StraightLine<f32, USERS>, USERS, SENSORS, ExactSolver, FRAME>;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
@@ -28,24 +31,27 @@ fn main() -> ! {
         // Nobody else runs before this.
         unreachable!("the board is taken once");
     };
-    let problem = match computer() {
-        Ok(mut computer) => match fly(&mut board, &mut computer) {},
+    // The computer is built in static memory: the stack need not hold it.
+    let place = cortex_m::singleton!(COMPUTER: MaybeUninit<Computer> = MaybeUninit::uninit());
+    let place = place.ok_or("the memory is taken once");
+    let problem = match place.and_then(computer) {
+        Ok(computer) => match fly(&mut board, computer) {},
         Err(problem) => problem,
     };
     board.halt(&problem)
 }
 
-/// The onboard computer for the mission of this image.
-fn computer() -> Result<Computer, &'static str> {
-    let place = Position::new;
+/// Creates the onboard computer for the mission of this image.
+fn computer(place: &mut MaybeUninit<Computer>) -> Result<&mut Computer, &'static str> {
+    let point = Position::new;
     let mission = Mission::new(MissionParameters {
-        users: [place(200.0, 700.0), place(400.0, 800.0)]
+        users: [point(200.0, 700.0), point(400.0, 800.0)]
             .into_iter()
             .collect(),
         sensors: [
-            place(600.0, 100.0),
-            place(700.0, 200.0),
-            place(800.0, 300.0),
+            point(600.0, 100.0),
+            point(700.0, 200.0),
+            point(800.0, 300.0),
         ]
         .into_iter()
         .collect(),
@@ -58,14 +64,10 @@ fn computer() -> Result<Computer, &'static str> {
     };
     let p = mission.parameters();
     let settings = AutopilotSettings::new(origin, p.start, p.altitude_m, p.max_speed_mps);
-    let autopilot = Autopilot::new(settings).map_err(|_| "the settings are invalid")?;
     let policy = StraightLine::new(&mission);
-    let controller = Controller::new(mission, policy);
-    Ok(Onboard::new(
-        OnboardSettings::default(),
-        controller,
-        autopilot,
-    ))
+    let parts = (policy, ExactSolver);
+    Onboard::new_in(place, OnboardSettings::default(), mission, parts, settings)
+        .map_err(|_| "the settings are invalid")
 }
 
 /// The main loop: what came on both lines, one step, what is to be sent, then a rest of 10 ms at
@@ -74,7 +76,7 @@ fn fly(board: &mut impl Board, computer: &mut Computer) -> Infallible {
     let now = board.now();
     computer.launch(now);
     let mut piece = [0; 64];
-    let (mut frame, mut ground_frame) = ([0; MAX_FRAME], [0; FRAME_MAX]);
+    let (mut frame, mut ground_frame) = ([0; MAX_FRAME], [0; FRAME]);
     loop {
         let now = board.now();
         while let length @ 1.. = board.receive(Line::Mavlink, &mut piece) {

@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::key::{Kind, MacKey, Nonce};
 use crate::link::{
     error::FrameTooLong,
-    frame::wrap,
-    message::{FRAME_MAX, NONCE, SECURE_VERSION, TAG},
+    frame::write_frame,
+    message::{NONCE, SECURE_VERSION, TAG},
 };
 
 /// The length of version, kind, nonce and counter.
@@ -88,15 +88,12 @@ pub(super) fn seal<'f, M: Serialize>(
     key: &MacKey,
     frame: &'f mut [u8],
 ) -> Result<&'f [u8], FrameTooLong> {
-    let capacity = frame.len();
-    let mut plain = [0; FRAME_MAX];
-    let end = write(&mut plain, header, message, key).ok_or(FrameTooLong { capacity })?;
-    wrap(&mut plain, end, frame)
+    write_frame(frame, |plain| write(plain, header, message, key))
 }
 
 /// Writes everything but the CRC, and returns the length; `None` if it does not fit.
 fn write<M: Serialize>(
-    plain: &mut [u8; FRAME_MAX],
+    plain: &mut [u8],
     header: Header,
     message: Option<&M>,
     key: &MacKey,
