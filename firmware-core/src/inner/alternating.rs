@@ -28,7 +28,6 @@
 use super::{
     LimitedBy, SlotError, Solution, Status,
     level::{Level, Segment, SensorField},
-    rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 use serde::{Deserialize, Serialize};
@@ -140,8 +139,7 @@ impl<T: Scalar> SensorField<'_, T> {
             subproblems: 0,
         };
         if !self.is_feasible() {
-            let least_mse = self.least_mse();
-            report.solution.status = Status::Infeasible { least_mse };
+            report.solution.status = self.infeasible(self.least_mse());
             report.outcome = AlternatingOutcome::Infeasible;
             return Ok(report);
         }
@@ -172,7 +170,7 @@ impl<T: Scalar> SensorField<'_, T> {
             observe(Step {
                 outer_step,
                 subproblems: report.subproblems,
-                rate: rate_of_sinr(here.signal / here.level.energy),
+                rate: self.rate_of(here.signal, &here.level),
             });
             if moved <= settings.tolerance * settings.tolerance {
                 if inner.converged {
@@ -282,7 +280,8 @@ impl<T: Scalar> SensorField<'_, T> {
         (level, room(&level).max(T::zero()).min(budget))
     }
 
-    /// Returns the squared distance of two points, in the variables `x_j = eta y_j` and `eta^2 q`.
+    /// Returns the squared distance of two points, in the variables `x_j = eta y_j` and `eta^2 q`; where
+    /// channels are not known exactly, in variables that move no less than these.
     fn squared_distance(&self, from: &Point<T>, to: &Point<T>) -> T {
         let signal = to.eta * to.eta * to.signal - from.eta * from.eta * from.signal;
         self.amplitude.iter().fold(signal * signal, |sum, &a| {

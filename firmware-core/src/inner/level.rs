@@ -13,6 +13,14 @@
 //! cost a lookup of two running sums, and between two neighbouring `a_j` they are polynomials. `f`
 //! is unimodal; its maximum is at the *peak level* `c*`, where `E = c A`.
 //!
+//! Where channels are not known exactly, sensor `j` has the effective amplitude `t_j = a_j v_j /
+//! rho_j` and counts for its weight `m_j = rho_j^2 / v_j` instead of 1, with `v_j = 1 + eps_j`; a
+//! user signal `q` counts for `(1 + eps_g) q` (`docs/mathematics.md`, section 10):
+//!
+//! ```text
+//! A(c) = sum_j m_j min(c, t_j)      E(c) = 1 + sum_j m_j min(c, t_j)^2
+//! ```
+//!
 //! Worst case: `O(J log J)` to sort, `O(J)` for the sums, `O(log J)` for the peak.
 
 use super::{
@@ -20,8 +28,9 @@ use super::{
     limits::SlotLimits,
     prefix_sum::PrefixSum,
     sort::sort,
+    weighted::{WeightedAmplitude, Weights},
 };
-use crate::{scalar::Scalar, units::PowerGain};
+use crate::{scalar::Scalar, uncertainty::SlotUncertainty, units::PowerGain};
 
 /// Memory for the sorted amplitudes of up to `J` sensors and their running sums.
 #[derive(Clone, Debug)]
@@ -70,6 +79,70 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
     }
 }
 
+/// Memory for a slot whose channels are not known exactly: that of a [`Workspace`], and the weights.
+#[derive(Clone, Debug)]
+pub struct UncertainWorkspace<T, const J: usize> {
+    workspace: Workspace<T, J>,
+    weights: [WeightedAmplitude<T>; J],
+}
+
+impl<T: Scalar, const J: usize> Default for UncertainWorkspace<T, J> {
+    fn default() -> Self {
+        Self {
+            workspace: Workspace::default(),
+            weights: [WeightedAmplitude::default(); J],
+        }
+    }
+}
+
+impl<T: Scalar, const J: usize> UncertainWorkspace<T, J> {
+    /// Returns the part that a slot with exactly known channels needs.
+    pub fn exactly_known(&mut self) -> &mut Workspace<T, J> {
+        &mut self.workspace
+    }
+
+    /// Sorts the sensors of a slot into this workspace: see [`SensorField::with_uncertainty`].
+    ///
+    /// # Errors
+    /// As [`SensorField::with_uncertainty`].
+    pub fn sensors<'w>(
+        &'w mut self,
+        limits: &SlotLimits<T>,
+        sensor_gains: &[PowerGain<T>],
+        uncertainty: SlotUncertainty<'w, T>,
+    ) -> Result<SensorField<'w, T>, SlotError<T>> {
+        let Workspace { amplitude, sums } = &mut self.workspace;
+        let memory = (&mut amplitude[..], &mut sums[..], &mut self.weights[..]);
+        SensorField::with_uncertainty(limits, sensor_gains, uncertainty, memory)
+    }
+
+    /// As [`sensors`](Self::sensors), from the estimated `|h_j|`, for a caller that needs the square
+    /// roots again.
+    ///
+    /// # Errors
+    /// As [`SensorField::with_uncertainty`].
+    pub fn sensors_of_amplitude<'w>(
+        &'w mut self,
+        limits: &SlotLimits<T>,
+        amplitude_gains: &[T],
+        uncertainty: SlotUncertainty<'w, T>,
+    ) -> Result<SensorField<'w, T>, SlotError<T>> {
+        limits.check(amplitude_gains.len())?;
+        check_gains(amplitude_gains.iter().copied().map(PowerGain))?;
+        let Workspace { amplitude, sums } = &mut self.workspace;
+        let memory = (&mut amplitude[..], &mut sums[..], &mut self.weights[..]);
+        let amplitude_gains = amplitude_gains.iter().copied();
+        SensorField::weighted(limits, amplitude_gains, uncertainty, memory)
+    }
+}
+
+/// The memory of a [`SensorField`] with weights: amplitudes, running sums and weights.
+type WeightedMemory<'w, T> = (
+    &'w mut [T],
+    &'w mut [PrefixSum<T>],
+    &'w mut [WeightedAmplitude<T>],
+);
+
 /// A level with the sums `A` and `E` at it, noise-normalized.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Level<T> {
@@ -91,7 +164,7 @@ impl<T: Scalar> Level<T> {
 /// The levels between two neighbouring amplitudes, where the same sensors reduce their power.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Segment<T> {
-    /// The number of sensors at the level, `J - k`.
+    /// The number of sensors at the level, `J - k`; where they have weights, the sum of these.
     pub(super) strong: T,
     /// The sums over the `k` sensors below it, which transmit with full power.
     pub(super) below: PrefixSum<T>,
@@ -125,6 +198,11 @@ pub struct SensorField<'w, T> {
     pub(super) noise_amplitude: T,
     /// The largest coefficient whose square does not exceed `p_b^max`.
     pub(super) coefficient_max: T,
+    /// `1 + eps_g`: a user signal `q` costs as much accuracy as one of `(1 + eps_g) q` that is known
+    /// exactly.
+    pub(super) user_excess: T,
+    /// `None` where the channels are known exactly.
+    pub(super) weights: Option<Weights<'w, T>>,
 }
 
 impl<'w, T: Scalar> SensorField<'w, T> {
@@ -157,15 +235,10 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         if sensors > capacity {
             return Err(SlotError::TooManySensors { sensors, capacity });
         }
-        let noise_amplitude = limits.noise_power.0.sqrt();
-        let coefficient_max = limits.coefficient_max();
-        // Beside a sensor this strong the noise is below rounding, and `f` does not distinguish it
-        // from a stronger one: the cap has no effect on the result, and sums of squares stay
-        // finite.
-        let strongest = T::one() / T::EPSILON;
         let amplitude = &mut amplitude[..sensors];
+        let mut field = Self::unsorted(limits, sensors);
         for (a, gain) in amplitude.iter_mut().zip(amplitude_gains) {
-            *a = (coefficient_max * gain / noise_amplitude).min(strongest);
+            *a = field.normalized(gain);
         }
         let sums = &mut sums[..sensors];
         sort(amplitude, sums);
@@ -175,9 +248,91 @@ impl<'w, T: Scalar> SensorField<'w, T> {
             running.amplitude += a;
             running.energy += a * a;
         }
-        let mut field = Self {
-            amplitude,
-            sums,
+        field.amplitude = amplitude;
+        field.sums = sums;
+        field.peak = field.find_peak();
+        Ok(field)
+    }
+
+    /// Sorts sensors whose channels are not known exactly: the gains are estimates, and
+    /// `uncertainty` has one entry per gain. The memory must have at least as many entries as there
+    /// are sensors. With statistics that are all zero the field has the same bits as that of
+    /// [`new`](Self::new).
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and if there are not as many statistics as gains.
+    pub fn with_uncertainty(
+        limits: &SlotLimits<T>,
+        sensor_gains: &[PowerGain<T>],
+        uncertainty: SlotUncertainty<'w, T>,
+        memory: WeightedMemory<'w, T>,
+    ) -> Result<Self, SlotError<T>> {
+        limits.check(sensor_gains.len())?;
+        check_gains(sensor_gains.iter().copied())?;
+        let amplitude_gains = sensor_gains.iter().map(|gain| gain.amplitude());
+        Self::weighted(limits, amplitude_gains, uncertainty, memory)
+    }
+
+    /// Creates the weighted field of checked limits and gains `|h_j|`.
+    fn weighted(
+        limits: &SlotLimits<T>,
+        amplitude_gains: impl ExactSizeIterator<Item = T>,
+        uncertainty: SlotUncertainty<'w, T>,
+        (amplitude, sums, weights): WeightedMemory<'w, T>,
+    ) -> Result<Self, SlotError<T>> {
+        let sensors = amplitude_gains.len();
+        let capacity = amplitude.len().min(sums.len()).min(weights.len());
+        if sensors > capacity {
+            return Err(SlotError::TooManySensors { sensors, capacity });
+        }
+        let statistics = uncertainty.sensors();
+        if statistics.len() != sensors {
+            let statistics = statistics.len();
+            return Err(SlotError::UncertaintyCount {
+                statistics,
+                sensors,
+            });
+        }
+        let amplitude = &mut amplitude[..sensors];
+        let sums = &mut sums[..sensors];
+        let weights = &mut weights[..sensors];
+        let mut field = Self::unsorted(limits, sensors);
+        let known = amplitude_gains.zip(statistics);
+        for (entry, (gain, sensor)) in weights.iter_mut().zip(known) {
+            entry.amplitude = field.normalized(sensor.effective_amplitude(gain));
+            entry.weight = sensor.weight();
+        }
+        sort(weights, sums);
+        let mut running = PrefixSum::default();
+        for ((sum, a), entry) in sums.iter_mut().zip(amplitude.iter_mut()).zip(&*weights) {
+            *sum = running;
+            *a = entry.amplitude;
+            let weighted = entry.weight * entry.amplitude;
+            running.amplitude += weighted;
+            running.energy += weighted * entry.amplitude;
+        }
+        // From the strongest on: a difference from the sum over all would cancel.
+        let mut strong = T::zero();
+        for entry in weights.iter_mut().rev() {
+            strong += entry.weight;
+            entry.weight = strong;
+        }
+        field.amplitude = amplitude;
+        field.sums = sums;
+        field.user_excess = T::one() + uncertainty.user_error_variance();
+        field.weights = Some(Weights {
+            sorted: weights,
+            uncertainty,
+        });
+        field.peak = field.find_peak();
+        Ok(field)
+    }
+
+    /// Returns a field without sensors, of a slot of checked limits with `sensors` sensors.
+    fn unsorted(limits: &SlotLimits<T>, sensors: usize) -> Self {
+        Self {
+            amplitude: &[],
+            sums: &[],
             peak: Level {
                 c: T::zero(),
                 sum: T::zero(),
@@ -185,11 +340,20 @@ impl<'w, T: Scalar> SensorField<'w, T> {
             },
             kappa: limits.aim(sensors).kappa(sensors),
             limits: *limits,
-            noise_amplitude,
-            coefficient_max,
-        };
-        field.peak = field.find_peak();
-        Ok(field)
+            noise_amplitude: limits.noise_power.0.sqrt(),
+            coefficient_max: limits.coefficient_max(),
+            user_excess: T::one(),
+            weights: None,
+        }
+    }
+
+    /// Returns the noise-normalized amplitude that arrives at full power over an amplitude gain.
+    fn normalized(&self, amplitude_gain: T) -> T {
+        // Beside a sensor this strong the noise is below rounding, and `f` does not distinguish it
+        // from a stronger one: the cap has no effect on the result, and sums of squares stay
+        // finite.
+        let strongest = T::one() / T::EPSILON;
+        (self.coefficient_max * amplitude_gain / self.noise_amplitude).min(strongest)
     }
 
     /// Returns the limits of the slot.
@@ -213,13 +377,24 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         (sensors - self.peak.efficiency()) / (sensors * sensors)
     }
 
-    /// Returns `Q = p^max |g|^2 / sigma^2`, or infinity where that exceeds the number type.
+    /// Returns the MSE that no transmit power can reach, at any position: `(J - W) / J^2` with `W`
+    /// the sum of the weights `m_j`; 0 where the channels are known exactly.
+    pub fn error_floor(&self) -> T {
+        let sensors = T::count(self.sensor_count());
+        let missing = self
+            .weights
+            .as_ref()
+            .map_or(T::zero(), |weights| sensors - weights.from(0));
+        missing.max(T::zero()) / (sensors * sensors)
+    }
+
+    /// Returns `(1 + eps_g) Q`, where `Q = p^max |g|^2 / sigma^2`, or infinity where that exceeds the number type.
     pub(super) fn normalized_budget(&self, user: PowerGain<T>) -> T {
         let power = self.limits.user_power_max.0;
         if power <= T::zero() {
             return T::zero();
         }
-        power * (user.0 / self.limits.noise_power.0)
+        power * (user.0 / self.limits.noise_power.0) * self.user_excess
     }
 
     /// Returns the strongest amplitude.
@@ -268,8 +443,12 @@ impl<'w, T: Scalar> SensorField<'w, T> {
     /// Returns segment `k`. There are `J` segments, `J >= 1`, and callers ask for no other, so the
     /// default is never used.
     fn segment(&self, k: usize) -> Segment<T> {
+        let strong = match &self.weights {
+            None => T::count(self.sensor_count().saturating_sub(k)),
+            Some(weights) => weights.from(k),
+        };
         Segment {
-            strong: T::count(self.sensor_count().saturating_sub(k)),
+            strong,
             below: self.sums.get(k).copied().unwrap_or_default(),
         }
     }
