@@ -282,6 +282,12 @@ impl<'a, T: Scalar> SlotUncertainty<'a, T> {
     pub fn user_error_variance(&self) -> T {
         self.user_error_variance
     }
+
+    /// Returns `1 + eps_g`: a user signal `q` costs as much accuracy as one of `(1 + eps_g) q` that is
+    /// known exactly.
+    pub fn user_excess(&self) -> T {
+        T::one() + self.user_error_variance
+    }
 }
 
 /// The error statistics of up to `J` sensors and of the served user, with their own memory.

@@ -68,7 +68,8 @@ impl Uncertain {
         let statistics = self.statistics();
         let mut workspace = UncertainWorkspace::<T, 64>::default();
         let gains = self.problem.gains_in();
-        let field = workspace.sensors(&self.problem.limits_in(), &gains, statistics.of_slot());
+        let statistics = statistics.of_slot();
+        let field = workspace.sensors(&self.problem.limits_in(), &gains, &statistics);
         ask(&field.unwrap_or_else(|error| panic!("{error} in {self:?}")))
     }
 
@@ -522,7 +523,7 @@ fn guarantees_hold_within_the_bounds() {
         let statistics = statistics.of_slot();
         let mut workspace = UncertainWorkspace::<f64, 64>::default();
         let promise: Guarantee<f64> = workspace
-            .guarantee(&slot.problem.limits, &bounds, Some(user), statistics)
+            .guarantee(&slot.problem.limits, &bounds, Some(user), &statistics)
             .expect("a slot problem");
         feasible += u32::from(promise.status.is_feasible());
         let coefficients: Vec<f64> = (bounds.iter().zip(statistics.sensors()))
@@ -580,7 +581,7 @@ fn guarantees_without_width_or_errors_cost_nothing() {
             let statistics = slot.statistics::<f64>();
             let mut workspace = UncertainWorkspace::<f64, 64>::default();
             workspace
-                .guarantee(&slot.problem.limits, &bounds, user, statistics.of_slot())
+                .guarantee(&slot.problem.limits, &bounds, user, &statistics.of_slot())
                 .expect("a slot problem")
         };
         let (promise, best) = (guarantee(&slot), slot.check());
@@ -618,7 +619,8 @@ fn extreme_statistics_are_solved() {
     for sensors in [[known, hopeless, known, hopeless], [hopeless; 4]] {
         let statistics = Uncertainty::<f32, 4>::new(&sensors, f32::MAX).expect("in range");
         let mut workspace = UncertainWorkspace::<f32, 4>::default();
-        let field = workspace.sensors(&problem.limits_in(), &gains, statistics.of_slot());
+        let statistics = statistics.of_slot();
+        let field = workspace.sensors(&problem.limits_in(), &gains, &statistics);
         let field = field.expect("a slot problem");
         let amplitudes = gains.map(PowerGain::amplitude);
         let mut coefficients = [0.0; 4];
@@ -652,7 +654,7 @@ fn statistics_must_fit_the_sensors() {
     let sensors = [SensorUncertainty::exactly_known(); 2];
     let statistics = SlotUncertainty::new(&sensors, 0.0).expect("in range");
     let mut workspace = UncertainWorkspace::<f64, 4>::default();
-    let refused = workspace.sensors(&problem.limits, &problem.sensor_gains, statistics);
+    let refused = workspace.sensors(&problem.limits, &problem.sensor_gains, &statistics);
     let refused = refused.expect_err("two statistics for three sensors");
     let expected = SlotError::UncertaintyCount {
         statistics: 2,
@@ -662,6 +664,6 @@ fn statistics_must_fit_the_sensors() {
     let expected = "there are error statistics of 2 sensors, but gains of 3";
     assert_eq!(refused.to_string(), expected);
     let mut small = UncertainWorkspace::<f64, 2>::default();
-    let refused = small.sensors(&problem.limits, &problem.sensor_gains, statistics);
+    let refused = small.sensors(&problem.limits, &problem.sensor_gains, &statistics);
     assert!(matches!(refused, Err(SlotError::TooManySensors { .. })));
 }

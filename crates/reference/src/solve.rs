@@ -286,15 +286,20 @@ impl Problem {
             None => None,
         };
         let statistics = Statistics::of(self)?;
-        let mut amplitude = vec![T::zero(); sensor_gains.len()];
+        let uncertainty = match &statistics {
+            Some(statistics) => Some(statistics.of_slot()?),
+            None => None,
+        };
+        let (mut amplitude, mut weighted) = (Vec::new(), Vec::new());
         let mut sums = vec![PrefixSum::default(); sensor_gains.len()];
-        let mut weights = Vec::new();
-        let field = match &statistics {
-            None => SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums),
-            Some(statistics) => {
-                weights.resize(sensor_gains.len(), WeightedAmplitude::default());
-                let memory = (&mut amplitude[..], &mut sums[..], &mut weights[..]);
-                let uncertainty = statistics.of_slot()?;
+        let field = match &uncertainty {
+            None => {
+                amplitude.resize(sensor_gains.len(), T::zero());
+                SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
+            }
+            Some(uncertainty) => {
+                weighted.resize(sensor_gains.len(), WeightedAmplitude::default());
+                let memory = (&mut weighted[..], &mut sums[..]);
                 SensorField::with_uncertainty(&limits, &sensor_gains, uncertainty, memory)
             }
         }

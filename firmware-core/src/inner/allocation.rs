@@ -35,23 +35,24 @@ impl<T: Scalar> SensorField<'_, T> {
         let solution = solver.solve(self, user)?;
         let signal_w = user.unwrap_or_default().0 * solution.user_power.0;
         let eta = solution.normalizing_factor;
-        let noise_w = signal_w * self.user_excess + self.limits().noise_power.0;
+        let noise_power = self.limits().noise_power.0;
         let sensors = amplitude_gains.iter().zip(coefficients);
-        let mse = match &self.weights {
+        let mse = match self.sorted.uncertainty() {
             None => {
                 let symbol_errors = sensors.map(|(&amplitude, coefficient)| {
                     *coefficient = solution.coefficient_of_amplitude(amplitude);
                     aircomp::symbol_error(eta * (*coefficient * amplitude))
                 });
-                aircomp::mse(symbol_errors, noise_w, eta)
+                aircomp::mse(symbol_errors, signal_w + noise_power, eta)
             }
-            Some(weights) => {
-                let sensors = sensors.zip(weights.uncertainty.sensors());
+            Some(uncertainty) => {
+                let sensors = sensors.zip(uncertainty.sensors());
                 let symbol_errors = sensors.map(|((&amplitude, coefficient), sensor)| {
                     let effective = sensor.effective_amplitude(amplitude);
                     *coefficient = solution.coefficient_of_amplitude(effective);
                     aircomp::expected_symbol_error(eta * (*coefficient * amplitude), sensor)
                 });
+                let noise_w = signal_w * uncertainty.user_excess() + noise_power;
                 aircomp::mse(symbol_errors, noise_w, eta)
             }
         };

@@ -240,7 +240,7 @@ impl<T: Scalar, const J: usize> UncertainWorkspace<T, J> {
         limits: &SlotLimits<T>,
         sensors: &[GainBounds<T>],
         user: Option<GainBounds<T>>,
-        uncertainty: SlotUncertainty<'_, T>,
+        uncertainty: &SlotUncertainty<'_, T>,
     ) -> Result<Guarantee<T>, SlotError<T>> {
         let mut bounds = Bounds::<T, J>::of(limits, sensors, user)?;
         let user = bounds.user;

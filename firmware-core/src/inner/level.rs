@@ -28,7 +28,7 @@ use super::{
     limits::SlotLimits,
     prefix_sum::PrefixSum,
     sort::sort,
-    weighted::{WeightedAmplitude, Weights},
+    weighted::{Sorted, SortedSensors, WeightedAmplitude},
 };
 use crate::{scalar::Scalar, uncertainty::SlotUncertainty, units::PowerGain};
 
@@ -83,14 +83,14 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
 #[derive(Clone, Debug)]
 pub struct UncertainWorkspace<T, const J: usize> {
     workspace: Workspace<T, J>,
-    weights: [WeightedAmplitude<T>; J],
+    weighted: [WeightedAmplitude<T>; J],
 }
 
 impl<T: Scalar, const J: usize> Default for UncertainWorkspace<T, J> {
     fn default() -> Self {
         Self {
             workspace: Workspace::default(),
-            weights: [WeightedAmplitude::default(); J],
+            weighted: [WeightedAmplitude::default(); J],
         }
     }
 }
@@ -109,10 +109,9 @@ impl<T: Scalar, const J: usize> UncertainWorkspace<T, J> {
         &'w mut self,
         limits: &SlotLimits<T>,
         sensor_gains: &[PowerGain<T>],
-        uncertainty: SlotUncertainty<'w, T>,
+        uncertainty: &'w SlotUncertainty<'w, T>,
     ) -> Result<SensorField<'w, T>, SlotError<T>> {
-        let Workspace { amplitude, sums } = &mut self.workspace;
-        let memory = (&mut amplitude[..], &mut sums[..], &mut self.weights[..]);
+        let memory = (&mut self.weighted[..], &mut self.workspace.sums[..]);
         SensorField::with_uncertainty(limits, sensor_gains, uncertainty, memory)
     }
 
@@ -125,23 +124,15 @@ impl<T: Scalar, const J: usize> UncertainWorkspace<T, J> {
         &'w mut self,
         limits: &SlotLimits<T>,
         amplitude_gains: &[T],
-        uncertainty: SlotUncertainty<'w, T>,
+        uncertainty: &'w SlotUncertainty<'w, T>,
     ) -> Result<SensorField<'w, T>, SlotError<T>> {
         limits.check(amplitude_gains.len())?;
         check_gains(amplitude_gains.iter().copied().map(PowerGain))?;
-        let Workspace { amplitude, sums } = &mut self.workspace;
-        let memory = (&mut amplitude[..], &mut sums[..], &mut self.weights[..]);
+        let memory = (&mut self.weighted[..], &mut self.workspace.sums[..]);
         let amplitude_gains = amplitude_gains.iter().copied();
         SensorField::weighted(limits, amplitude_gains, uncertainty, memory)
     }
 }
-
-/// The memory of a [`SensorField`] with weights: amplitudes, running sums and weights.
-type WeightedMemory<'w, T> = (
-    &'w mut [T],
-    &'w mut [PrefixSum<T>],
-    &'w mut [WeightedAmplitude<T>],
-);
 
 /// A level with the sums `A` and `E` at it, noise-normalized.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -186,8 +177,7 @@ impl<T: Scalar> Segment<T> {
 /// depend on the user.
 #[derive(Clone, Debug)]
 pub struct SensorField<'w, T> {
-    /// `a_j`, ascending.
-    pub(super) amplitude: &'w [T],
+    pub(super) sorted: Sorted<'w, T>,
     /// `sums[k]`: the sums over the `k` weakest sensors.
     pub(super) sums: &'w [PrefixSum<T>],
     pub(super) peak: Level<T>,
@@ -198,11 +188,6 @@ pub struct SensorField<'w, T> {
     pub(super) noise_amplitude: T,
     /// The largest coefficient whose square does not exceed `p_b^max`.
     pub(super) coefficient_max: T,
-    /// `1 + eps_g`: a user signal `q` costs as much accuracy as one of `(1 + eps_g) q` that is known
-    /// exactly.
-    pub(super) user_excess: T,
-    /// `None` where the channels are known exactly.
-    pub(super) weights: Option<Weights<'w, T>>,
 }
 
 impl<'w, T: Scalar> SensorField<'w, T> {
@@ -237,8 +222,9 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         }
         let amplitude = &mut amplitude[..sensors];
         let mut field = Self::unsorted(limits, sensors);
+        let normalized = field.normalization();
         for (a, gain) in amplitude.iter_mut().zip(amplitude_gains) {
-            *a = field.normalized(gain);
+            *a = normalized(gain);
         }
         let sums = &mut sums[..sensors];
         sort(amplitude, sums);
@@ -248,9 +234,10 @@ impl<'w, T: Scalar> SensorField<'w, T> {
             running.amplitude += a;
             running.energy += a * a;
         }
-        field.amplitude = amplitude;
+        let amplitude = &*amplitude;
+        field.sorted = Sorted::Known(amplitude);
         field.sums = sums;
-        field.peak = field.find_peak();
+        field.peak = field.find_peak(amplitude);
         Ok(field)
     }
 
@@ -264,8 +251,8 @@ impl<'w, T: Scalar> SensorField<'w, T> {
     pub fn with_uncertainty(
         limits: &SlotLimits<T>,
         sensor_gains: &[PowerGain<T>],
-        uncertainty: SlotUncertainty<'w, T>,
-        memory: WeightedMemory<'w, T>,
+        uncertainty: &'w SlotUncertainty<'w, T>,
+        memory: (&'w mut [WeightedAmplitude<T>], &'w mut [PrefixSum<T>]),
     ) -> Result<Self, SlotError<T>> {
         limits.check(sensor_gains.len())?;
         check_gains(sensor_gains.iter().copied())?;
@@ -277,11 +264,11 @@ impl<'w, T: Scalar> SensorField<'w, T> {
     fn weighted(
         limits: &SlotLimits<T>,
         amplitude_gains: impl ExactSizeIterator<Item = T>,
-        uncertainty: SlotUncertainty<'w, T>,
-        (amplitude, sums, weights): WeightedMemory<'w, T>,
+        uncertainty: &'w SlotUncertainty<'w, T>,
+        (weighted, sums): (&'w mut [WeightedAmplitude<T>], &'w mut [PrefixSum<T>]),
     ) -> Result<Self, SlotError<T>> {
         let sensors = amplitude_gains.len();
-        let capacity = amplitude.len().min(sums.len()).min(weights.len());
+        let capacity = weighted.len().min(sums.len());
         if sensors > capacity {
             return Err(SlotError::TooManySensors { sensors, capacity });
         }
@@ -293,45 +280,40 @@ impl<'w, T: Scalar> SensorField<'w, T> {
                 sensors,
             });
         }
-        let amplitude = &mut amplitude[..sensors];
+        let weighted = &mut weighted[..sensors];
         let sums = &mut sums[..sensors];
-        let weights = &mut weights[..sensors];
         let mut field = Self::unsorted(limits, sensors);
+        let normalized = field.normalization();
         let known = amplitude_gains.zip(statistics);
-        for (entry, (gain, sensor)) in weights.iter_mut().zip(known) {
-            entry.amplitude = field.normalized(sensor.effective_amplitude(gain));
+        for (entry, (gain, sensor)) in weighted.iter_mut().zip(known) {
+            entry.amplitude = normalized(sensor.effective_amplitude(gain));
             entry.weight = sensor.weight();
         }
-        sort(weights, sums);
+        sort(weighted, sums);
         let mut running = PrefixSum::default();
-        for ((sum, a), entry) in sums.iter_mut().zip(amplitude.iter_mut()).zip(&*weights) {
+        for (sum, &WeightedAmplitude { amplitude, weight }) in sums.iter_mut().zip(&*weighted) {
             *sum = running;
-            *a = entry.amplitude;
-            let weighted = entry.weight * entry.amplitude;
-            running.amplitude += weighted;
-            running.energy += weighted * entry.amplitude;
+            let counted = weight * amplitude;
+            running.amplitude += counted;
+            running.energy += counted * amplitude;
         }
         // From the strongest on: a difference from the sum over all would cancel.
         let mut strong = T::zero();
-        for entry in weights.iter_mut().rev() {
+        for entry in weighted.iter_mut().rev() {
             strong += entry.weight;
             entry.weight = strong;
         }
-        field.amplitude = amplitude;
+        let weighted = &*weighted;
+        field.sorted = Sorted::Weighted(weighted, uncertainty);
         field.sums = sums;
-        field.user_excess = T::one() + uncertainty.user_error_variance();
-        field.weights = Some(Weights {
-            sorted: weights,
-            uncertainty,
-        });
-        field.peak = field.find_peak();
+        field.peak = field.find_peak(weighted);
         Ok(field)
     }
 
     /// Returns a field without sensors, of a slot of checked limits with `sensors` sensors.
     fn unsorted(limits: &SlotLimits<T>, sensors: usize) -> Self {
         Self {
-            amplitude: &[],
+            sorted: Sorted::Known(&[]),
             sums: &[],
             peak: Level {
                 c: T::zero(),
@@ -342,18 +324,18 @@ impl<'w, T: Scalar> SensorField<'w, T> {
             limits: *limits,
             noise_amplitude: limits.noise_power.0.sqrt(),
             coefficient_max: limits.coefficient_max(),
-            user_excess: T::one(),
-            weights: None,
         }
     }
 
-    /// Returns the noise-normalized amplitude that arrives at full power over an amplitude gain.
-    fn normalized(&self, amplitude_gain: T) -> T {
+    /// Returns the function from an amplitude gain to the noise-normalized amplitude that arrives over
+    /// it at full power.
+    fn normalization(&self) -> impl Fn(T) -> T + use<T> {
         // Beside a sensor this strong the noise is below rounding, and `f` does not distinguish it
         // from a stronger one: the cap has no effect on the result, and sums of squares stay
         // finite.
         let strongest = T::one() / T::EPSILON;
-        (self.coefficient_max * amplitude_gain / self.noise_amplitude).min(strongest)
+        let (coefficient_max, noise_amplitude) = (self.coefficient_max, self.noise_amplitude);
+        move |gain| (coefficient_max * gain / noise_amplitude).min(strongest)
     }
 
     /// Returns the limits of the slot.
@@ -363,7 +345,7 @@ impl<'w, T: Scalar> SensorField<'w, T> {
 
     /// Returns the number of sensors.
     pub fn sensor_count(&self) -> usize {
-        self.amplitude.len()
+        self.sums.len()
     }
 
     /// Returns whether `Gamma` can be met: `f(c*) >= kappa`.
@@ -377,14 +359,14 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         (sensors - self.peak.efficiency()) / (sensors * sensors)
     }
 
-    /// Returns the MSE that no transmit power can reach, at any position: `(J - W) / J^2` with `W`
+    /// Returns the MSE that no transmit power can reach, at any position: `(J - w) / J^2` with `w`
     /// the sum of the weights `m_j`; 0 where the channels are known exactly.
     pub fn error_floor(&self) -> T {
         let sensors = T::count(self.sensor_count());
-        let missing = self
-            .weights
-            .as_ref()
-            .map_or(T::zero(), |weights| sensors - weights.from(0));
+        let missing = match self.sorted {
+            Sorted::Known(_) => T::zero(),
+            Sorted::Weighted(weighted, _) => sensors - weighted.weight_from(0),
+        };
         missing.max(T::zero()) / (sensors * sensors)
     }
 
@@ -394,18 +376,28 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         if power <= T::zero() {
             return T::zero();
         }
-        power * (user.0 / self.limits.noise_power.0) * self.user_excess
+        let budget = power * (user.0 / self.limits.noise_power.0);
+        match self.sorted.uncertainty() {
+            None => budget,
+            Some(uncertainty) => budget * uncertainty.user_excess(),
+        }
     }
 
     /// Returns the strongest amplitude.
     pub(super) fn strongest(&self) -> T {
-        self.amplitude.last().copied().unwrap_or_default()
+        match self.sorted {
+            Sorted::Known(sensors) => sensors.amplitude(self.last()),
+            Sorted::Weighted(sensors, _) => sensors.amplitude(self.last()),
+        }
     }
 
     /// Returns the level at which all sensors transmit with full power: the strongest amplitude.
     pub(super) fn at_full_power(&self) -> Level<T> {
-        let last = self.sensor_count().saturating_sub(1);
-        self.segment(last).level(self.strongest())
+        let segment = match self.sorted {
+            Sorted::Known(sensors) => self.segment(sensors, self.last()),
+            Sorted::Weighted(sensors, _) => self.segment(sensors, self.last()),
+        };
+        segment.level(self.strongest())
     }
 
     /// Returns the level with the least `c` that satisfies a predicate of levels, where that is
@@ -419,20 +411,34 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         enough: impl Fn(Segment<T>, T) -> bool,
         within: impl FnOnce(Segment<T>) -> T,
     ) -> Level<T> {
-        let (mut low, mut high) = (0, self.sensor_count().saturating_sub(1));
+        match self.sorted {
+            Sorted::Known(sensors) => self.search(sensors, ceiling, enough, within),
+            Sorted::Weighted(sensors, _) => self.search(sensors, ceiling, enough, within),
+        }
+    }
+
+    /// Returns what [`first_level`](Self::first_level) does, for the sorted sensors of this field.
+    fn search(
+        &self,
+        sensors: impl SortedSensors<T>,
+        ceiling: T,
+        enough: impl Fn(Segment<T>, T) -> bool,
+        within: impl FnOnce(Segment<T>) -> T,
+    ) -> Level<T> {
+        let (mut low, mut high) = (0, self.last());
         while low < high {
             let middle = low + (high - low) / 2;
-            let c = self.upper_end(middle);
-            if c >= ceiling || enough(self.segment(middle), c) {
+            let c = sensors.amplitude(middle);
+            if c >= ceiling || enough(self.segment(sensors, middle), c) {
                 high = middle;
             } else {
                 low = middle + 1;
             }
         }
-        let weaker = low.checked_sub(1).and_then(|k| self.amplitude.get(k));
-        let floor = weaker.copied().unwrap_or_default();
-        let segment = self.segment(low);
-        let top = self.upper_end(low).min(ceiling);
+        let weaker = low.checked_sub(1);
+        let floor = weaker.map_or(T::zero(), |k| sensors.amplitude(k));
+        let segment = self.segment(sensors, low);
+        let top = sensors.amplitude(low).min(ceiling);
         let c = within(segment);
         // Where rounding leads out of the segment, its end is returned; also for a quotient 0/0,
         // which occurs only in an empty segment.
@@ -440,31 +446,28 @@ impl<'w, T: Scalar> SensorField<'w, T> {
         segment.level(c)
     }
 
-    /// Returns segment `k`. There are `J` segments, `J >= 1`, and callers ask for no other, so the
-    /// default is never used.
-    fn segment(&self, k: usize) -> Segment<T> {
-        let strong = match &self.weights {
-            None => T::count(self.sensor_count().saturating_sub(k)),
-            Some(weights) => weights.from(k),
-        };
-        Segment {
-            strong,
-            below: self.sums.get(k).copied().unwrap_or_default(),
-        }
+    /// Returns the index of the strongest sensor.
+    fn last(&self) -> usize {
+        self.sensor_count().saturating_sub(1)
     }
 
-    /// Returns the upper end of segment `k`, `a_k`; as [`segment`](Self::segment).
-    fn upper_end(&self, k: usize) -> T {
-        self.amplitude.get(k).copied().unwrap_or_default()
+    /// Returns segment `k`, which ends at the amplitude of sensor `k`. There are `J` segments, `J >=
+    /// 1`, and callers ask for no other, so the default is never used.
+    fn segment(&self, sensors: impl SortedSensors<T>, k: usize) -> Segment<T> {
+        Segment {
+            strong: sensors.weight_from(k),
+            below: self.sums.get(k).copied().unwrap_or_default(),
+        }
     }
 
     /// Returns `c*`: the level where `E - c A` reaches 0, or the strongest amplitude where it never
     /// does. With `k` sensors below, the quadratic terms cancel: `E - c A = 1 + energy_k - c
     /// amplitude_k`, which is decreasing.
-    fn find_peak(&self) -> Level<T> {
+    fn find_peak(&self, sensors: impl SortedSensors<T>) -> Level<T> {
         let rest = |below: &PrefixSum<T>| T::one() + below.energy;
-        self.first_level(
-            self.strongest(),
+        self.search(
+            sensors,
+            sensors.amplitude(self.last()),
             |Segment { below, .. }, c| rest(&below) <= c * below.amplitude,
             |Segment { below, .. }| rest(&below) / below.amplitude,
         )

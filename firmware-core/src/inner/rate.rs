@@ -14,6 +14,11 @@ impl<T: Scalar> SensorField<'_, T> {
     /// as noise: with `s = (1 + eps_g) q / E`, the SINR `q / (E + eps_g q)` is `s / (1 + eps_g + eps_g s)`.
     pub(super) fn rate_of(&self, signal: T, level: &Level<T>) -> T {
         let s = signal / level.energy;
-        rate_of_sinr(s / (self.user_excess + (self.user_excess - T::one()) * s))
+        rate_of_sinr(match self.sorted.uncertainty() {
+            None => s,
+            Some(uncertainty) => {
+                s / (uncertainty.user_excess() + uncertainty.user_error_variance() * s)
+            }
+        })
     }
 }

@@ -164,8 +164,12 @@ impl<T: Scalar> SensorField<'_, T> {
         } else if signal >= self.normalized_budget(user) {
             power_max
         } else {
-            let known = signal * (self.limits.noise_power.0 / user.0) / self.user_excess;
-            known.min(power_max)
+            let power = signal * (self.limits.noise_power.0 / user.0);
+            match self.sorted.uncertainty() {
+                None => power,
+                Some(uncertainty) => power / uncertainty.user_excess(),
+            }
+            .min(power_max)
         };
         Solution {
             status,
