@@ -132,7 +132,7 @@ fn with_errors_the_methods_agree() {
     for case in 0..60 {
         let problem = draw(&mut random, [2.0, 4.0, 6.0][case % 3]);
         let mut sensor = || {
-            let (variance, phase) = (random.random_range(0.0..0.3), random.random_range(0.0..0.6));
+            let (variance, phase) = (random.random_range(0.0..0.3), random.random_range(0.0..0.8));
             SensorUncertainty::with_phase_error(variance, phase).expect("in range")
         };
         let sensors: Vec<_> = problem.sensor_gain.iter().map(|_| sensor()).collect();
@@ -142,7 +142,7 @@ fn with_errors_the_methods_agree() {
         let user = problem.user_gain.map(PowerGain);
         let mut workspace = UncertainWorkspace::<f64, 64>::default();
         let field = workspace
-            .sensors(&limits, &gains, statistics)
+            .sensors(&limits, &gains, &statistics)
             .expect("a slot");
         let exact = field.solve(user).expect("a gain");
         let alternated = Method::Alternating(settings)
@@ -204,7 +204,7 @@ fn with_errors_the_methods_agree() {
         }
     }
     println!("worst {worst:e} of {feasible}, {floors} below the floor");
-    assert!(feasible >= 30 && floors >= 3, "{feasible} {floors}");
+    assert!(feasible >= 30 && floors >= 2, "{feasible} {floors}");
     assert!(worst < 1e-6, "{worst}");
 }
 

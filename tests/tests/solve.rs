@@ -67,7 +67,7 @@ fn bad_lines_do_not_stop_the_good_ones() {
         (
             changed("sensor_phase_error_rad", json!(4)),
             Some(
-                "line 12: sensor_phase_error_rad is 4, but must be a standard deviation from 0 to pi",
+                "line 11: sensor_phase_error_rad is 4, but must be a standard deviation from 0 to pi",
             ),
         ),
         (

@@ -58,7 +58,7 @@ const fn accepted(name: &'static str, entry_point: &'static str) -> Probe {
     }
 }
 
-const PROBES: [Probe; 35] = [
+const PROBES: [Probe; 36] = [
     gated(
         "slot_exact",
         "slot problem, exact: `Workspace::sensors`, `SensorField::solve`",
@@ -67,6 +67,10 @@ const PROBES: [Probe; 35] = [
     gated(
         "slot_bounded",
         "slot problem, gains within bounds: `Workspace::guarantee`",
+    ),
+    gated(
+        "slot_uncertain",
+        "slot problem with error statistics: `SensorUncertainty::with_phase_error`, `UncertainWorkspace::sensors_of_amplitude`, `SensorField::allocate`, `UncertainWorkspace::guarantee`",
     ),
     gated(
         "slot_methods",
