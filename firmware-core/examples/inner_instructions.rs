@@ -49,7 +49,8 @@ fn solve<T: Scalar>(method: &Method<T>, count: usize) -> f64 {
     checksum
 }
 
-/// Solves slots with the exact method, whose channels are known up to errors that differ from sensor to sensor.
+/// Solves slots by the exact method whose channels are known up to errors, which differ from sensor
+/// to sensor.
 fn solve_uncertain<T: Scalar>(count: usize) -> f64 {
     let slots = slots::<T>();
     let mut random = generator(37);

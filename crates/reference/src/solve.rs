@@ -4,10 +4,11 @@
 //! user is served), `sensor_power_max`, `user_power_max`, `noise_power` (watts) and
 //! `mse_threshold`. Where channels are not known exactly it also has `sensor_error_variance`,
 //! `sensor_phase_error_rad` and `user_error_variance`: the gains are then estimates, and rate and MSE
-//! are the achievable rate and the expected MSE (`docs/mathematics.md`, section 10). Other keys are ignored, so that a line with known results can be replayed. An
-//! output line contains the answer, or `{"error": ".."}` with the line's number, the field, its
-//! value and what is allowed. There is always exactly one output line per input line. The number of
-//! sensors is limited only by the memory.
+//! are the achievable rate and the expected MSE (`docs/mathematics.md`, section 10). Other keys are
+//! ignored, so that a line with known results can be replayed. An output line contains the answer,
+//! or `{"error": ".."}` with the line's number, the field, its value and what is allowed. There is
+//! always exactly one output line per input line. The number of sensors is limited only by the
+//! memory.
 
 use std::{
     fmt,

@@ -22,9 +22,9 @@
 //! whatever its coefficient.
 //!
 //! With error statistics the gains within the bounds are estimates, and what is guaranteed is the
-//! expected MSE and an achievable rate. With effective amplitudes `l_j v_j / rho_j` and `u_j v_j / rho_j` the
-//! error of a sensor is `1 - m_j + m_j` times the square above and its energy `m_j` times (section
-//! 10); a channel that is known exactly has the weight `m_j = 1`.
+//! expected MSE and an achievable rate. With effective amplitudes, which are `v_j / rho_j` times as
+//! large, the error of a sensor is `1 - m_j` plus `m_j` times the square above, and its energy is
+//! `m_j` times as large (section 10). A channel that is known exactly has the weight `m_j = 1`.
 //!
 //! Worst case: one exact slot, and `BISECTIONS` sums over the sensors.
 

@@ -12,9 +12,9 @@
 //! [`exact`] solves it in closed form and is the default; [`alternating`] is the paper's own
 //! algorithm; [`bounded`] gives guarantees for gains within bounds; [`Method`] also has the paper's
 //! comparison schemes. All of them work on a [`SensorField`]: the sensors of a position, sorted and
-//! summed once. Of channels that are not known exactly, an [`UncertainWorkspace`] makes a field from
-//! their error statistics ([`uncertainty`](crate::uncertainty)); every method then solves the slot with the expected MSE and
-//! an achievable rate.
+//! summed once. Where channels are not known exactly, an [`UncertainWorkspace`] makes a field from
+//! their error statistics ([`uncertainty`](crate::uncertainty)); every method then solves the slot
+//! for the expected MSE and an achievable rate.
 //!
 //! The result of a solve is a value: a slot in which no choice meets `Gamma` is
 //! [`Status::Infeasible`], with the least MSE that is possible, or [`Status::ErrorFloor`] where no
