@@ -9,8 +9,10 @@ use std::{env, process::ExitCode};
 
 use firmware_core::{
     PowerGain, Scalar,
-    inner::{Method, Workspace, alternating},
+    inner::{Method, UncertainWorkspace, Workspace, alternating},
+    uncertainty::{SensorUncertainty, Uncertainty},
 };
+use rand::RngExt;
 use random_slots::{Problem, generator};
 
 /// Slots as over the default mission, `J = 36`.
@@ -47,6 +49,35 @@ fn solve<T: Scalar>(method: &Method<T>, count: usize) -> f64 {
     checksum
 }
 
+/// Solves slots by the exact method whose channels are known up to errors, which differ from sensor
+/// to sensor.
+fn solve_uncertain<T: Scalar>(count: usize) -> f64 {
+    let slots = slots::<T>();
+    let mut random = generator(37);
+    let mut sensor = || {
+        let (variance, phase) = (random.random_range(0.0..0.1), random.random_range(0.0..0.4));
+        SensorUncertainty::with_phase_error(T::of(variance), T::of(phase)).expect("in range")
+    };
+    let sensors: Vec<_> = (0..36).map(|_| sensor()).collect();
+    let uncertainty = Uncertainty::<T, 64>::new(&sensors, T::of(0.05)).expect("in range");
+    let uncertainty = uncertainty.of_slot();
+    let mut workspace = UncertainWorkspace::<T, 64>::default();
+    let mut checksum = 0.0;
+    for (problem, gains) in slots.iter().cycle().take(count) {
+        let user = PowerGain(T::of(problem.user_gain.0));
+        let solution = workspace
+            .sensors(&problem.limits_in(), gains, &uncertainty)
+            .and_then(|field| field.solve(Some(user)))
+            .expect("a slot problem");
+        let known = gains.iter().zip(uncertainty.sensors());
+        let coefficients =
+            known.map(|(&gain, sensor)| solution.uncertain_coefficient(gain, sensor));
+        let sum = coefficients.fold(solution.rate, |sum, b| sum + b);
+        checksum += sum.to_f64();
+    }
+    checksum
+}
+
 /// Rates of 15 users over the same sensors.
 fn rates(count: usize) -> f64 {
     let slots = slots::<f64>();
@@ -65,7 +96,9 @@ fn rates(count: usize) -> f64 {
 fn main() -> ExitCode {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let [what, count] = arguments.as_slice() else {
-        eprintln!("usage: inner_instructions exact-f64|exact-f32|rates-f64|alternating-f64 COUNT");
+        eprintln!(
+            "usage: inner_instructions exact-f64|exact-f32|uncertain-f64|uncertain-f32|rates-f64|alternating-f64 COUNT"
+        );
         return ExitCode::from(2);
     };
     let Ok(count) = count.parse() else {
@@ -75,13 +108,17 @@ fn main() -> ExitCode {
     let checksum = match what.as_str() {
         "exact-f64" => solve::<f64>(&Method::Exact, count),
         "exact-f32" => solve::<f32>(&Method::Exact, count),
+        "uncertain-f64" => solve_uncertain::<f64>(count),
+        "uncertain-f32" => solve_uncertain::<f32>(count),
         "rates-f64" => rates(count),
         "alternating-f64" => solve::<f64>(
             &Method::Alternating(alternating::AlternatingSettings::default()),
             count,
         ),
         _ => {
-            eprintln!("{what} is none of exact-f64, exact-f32, rates-f64, alternating-f64");
+            eprintln!(
+                "{what} is none of exact-f64, exact-f32, uncertain-f64, uncertain-f32, rates-f64, alternating-f64"
+            );
             return ExitCode::from(2);
         }
     };

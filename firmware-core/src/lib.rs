@@ -31,6 +31,7 @@
 //! | [`mission`] | | the validated parameters of a mission (Table I) |
 //! | [`channel`] | | the probabilistic line-of-sight gain (eq:gain to eq:gmn) |
 //! | [`aircomp`] | | MSE, rate and normalizing factor as printed: the reference implementation |
+//! | [`uncertainty`] | | statistics of channel errors |
 //! | [`inner`] | | the slot problem (eq:p1): the exact optimum, and the paper's own algorithm |
 //! | [`shield`] | | the hard constraints, enforced on every action of a policy |
 //! | [`policy`] | `policy` | the policies that decide where to fly and whom to serve |
@@ -108,6 +109,7 @@ extern crate self as firmware_core;
 #[cfg(test)]
 mod test_missions;
 pub mod time;
+pub mod uncertainty;
 pub mod units;
 
 // The examples of the README are tested.

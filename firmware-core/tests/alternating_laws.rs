@@ -82,7 +82,9 @@ fn check_end(problem: &Problem, outcome: AlternatingOutcome, solution: &Solution
             assert!(!heard && limited_by == LimitedBy::None, "{}", context());
         }
         Status::Infeasible { .. } => assert_eq!(outcome, AlternatingOutcome::Infeasible),
-        Status::Guaranteed { .. } => panic!("of another solver: {}", context()),
+        Status::Guaranteed { .. } | Status::ErrorFloor { .. } => {
+            panic!("of another solver: {}", context())
+        }
     }
 }
 

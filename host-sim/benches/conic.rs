@@ -19,10 +19,10 @@ fn slot(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("conic, J = 36");
     group.sample_size(10);
     group.bench_function("(a) Alg. 1, eq:p_pbp by Clarabel", |bencher| {
-        bencher.iter(|| conic::alternate(&limits, &state.sensor_gains, user, &settings));
+        bencher.iter(|| conic::alternate(&limits, &state.sensor_gains, user, None, &settings));
     });
     group.bench_function("(b) eq:p1 by bisection", |bencher| {
-        bencher.iter(|| conic::bisect(&limits, &state.sensor_gains, user));
+        bencher.iter(|| conic::bisect(&limits, &state.sensor_gains, user, None));
     });
     group.finish();
 }

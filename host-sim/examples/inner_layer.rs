@@ -142,14 +142,14 @@ impl Method {
                 let begun = Instant::now();
                 let report = match self {
                     Self::ConicAlternating(tolerance) => {
-                        conic::alternate(&limits, &gains, user, &settings(tolerance))
+                        conic::alternate(&limits, &gains, user, None, &settings(tolerance))
                     }
-                    _ => conic::bisect(&limits, &gains, user),
+                    _ => conic::bisect(&limits, &gains, user, None),
                 };
                 Outcome {
                     seconds: begun.elapsed().as_secs_f64(),
                     rate: report.rate,
-                    feasible: report.status != conic::ConicStatus::Infeasible,
+                    feasible: !report.status.is_infeasible(),
                     failed: matches!(
                         report.status,
                         conic::ConicStatus::SolverFailed(_) | conic::ConicStatus::IterationLimit
@@ -180,6 +180,7 @@ fn random_slots(count: usize, seed: u64) -> Result<Vec<Problem>> {
             user_power_max: p.user_power_max.0,
             noise_power: p.noise_power.0,
             mse_threshold: THRESHOLDS[index / 2 % THRESHOLDS.len()],
+            ..Problem::default()
         });
     }
     Ok(slots)

@@ -2,7 +2,11 @@
 
 use firmware_core::{
     PowerGain, Watt, aircomp,
-    inner::{PrefixSum, SensorField, SlotLimits, Solution, alternating},
+    inner::{
+        Method, PrefixSum, SensorField, SlotLimits, Solution, Status, UncertainWorkspace,
+        alternating,
+    },
+    uncertainty::{SensorUncertainty, Uncertainty},
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -74,6 +78,7 @@ fn draw(random: &mut Pcg64Mcg, orders: f64) -> Problem {
         user_power_max: 0.2,
         noise_power: 3.162e-13,
         mse_threshold: random.random_range(0.2..0.95) / sensors as f64,
+        ..Problem::default()
     }
 }
 
@@ -88,6 +93,7 @@ fn bisection_finds_the_closed_form() {
             &limits(&problem),
             &gains(&problem),
             problem.user_gain.map(PowerGain),
+            None,
         );
         check(&problem, &solved);
         assert_eq!(
@@ -117,6 +123,91 @@ fn bisection_finds_the_closed_form() {
     assert!(worst < 1e-6, "{worst}");
 }
 
+/// With error statistics: the closed form, Alg. 1 and both methods with Clarabel.
+#[test]
+fn with_errors_the_methods_agree() {
+    let mut random = Pcg64Mcg::seed_from_u64(23);
+    let settings = alternating::AlternatingSettings::default();
+    let (mut worst, mut feasible, mut floors) = (0.0_f64, 0, 0);
+    for case in 0..60 {
+        let problem = draw(&mut random, [2.0, 4.0, 6.0][case % 3]);
+        let mut sensor = || {
+            let (variance, phase) = (random.random_range(0.0..0.3), random.random_range(0.0..0.8));
+            SensorUncertainty::with_phase_error(variance, phase).expect("in range")
+        };
+        let sensors: Vec<_> = problem.sensor_gain.iter().map(|_| sensor()).collect();
+        let statistics = Uncertainty::<f64, 64>::new(&sensors, 0.2).expect("in range");
+        let statistics = statistics.of_slot();
+        let (limits, gains) = (limits(&problem), gains(&problem));
+        let user = problem.user_gain.map(PowerGain);
+        let mut workspace = UncertainWorkspace::<f64, 64>::default();
+        let field = workspace
+            .sensors(&limits, &gains, &statistics)
+            .expect("a slot");
+        let exact = field.solve(user).expect("a gain");
+        let alternated = Method::Alternating(settings)
+            .solve(&field, user)
+            .expect("a gain");
+        let solved = conic::bisect(&limits, &gains, user, Some(&statistics));
+        let context = || format!("{solved:?} {exact:?} {problem:?}");
+        assert_eq!(
+            solved.status.is_infeasible(),
+            !exact.status.is_feasible(),
+            "{}",
+            context()
+        );
+        let is_floor = matches!(exact.status, Status::ErrorFloor { .. });
+        assert_eq!(
+            solved.status == ConicStatus::ErrorFloor,
+            is_floor,
+            "{}",
+            context()
+        );
+        floors += u32::from(is_floor);
+        assert!(
+            (solved.least_mse / field.least_mse() - 1.0).abs() < 1e-6,
+            "{}",
+            context()
+        );
+        if exact.rate <= 0.0 {
+            continue;
+        }
+        feasible += 1;
+        let slot = aircomp::Slot {
+            sensor_gains: &gains,
+            sensor_coefficients: &solved.sensor_coefficients,
+            user_gain: user.unwrap_or_default(),
+            user_power: Watt(solved.user_power_w),
+            noise_power: limits.noise_power,
+        };
+        let mse = slot.expected_mse(&statistics, solved.normalizing_factor);
+        assert!(
+            mse <= limits.mse_threshold * (1.0 + 1e-9),
+            "{mse} {}",
+            context()
+        );
+        let rate = slot.achievable_rate(&statistics);
+        assert!(
+            (solved.rate / rate - 1.0).abs() < 1e-9,
+            "{rate} {}",
+            context()
+        );
+        assert!(solved.rate <= exact.rate * (1.0 + 1e-9), "{}", context());
+        worst = worst.max(1.0 - solved.rate / exact.rate);
+        if case < 6 {
+            let by_clarabel = conic::alternate(&limits, &gains, user, Some(&statistics), &settings);
+            let difference = (by_clarabel.rate - alternated.rate).abs();
+            assert!(
+                difference <= 1e-4 * alternated.rate,
+                "{by_clarabel:?} {alternated:?}"
+            );
+        }
+    }
+    println!("worst {worst:e} of {feasible}, {floors} below the floor");
+    assert!(feasible >= 30 && floors >= 2, "{feasible} {floors}");
+    assert!(worst < 1e-6, "{worst}");
+}
+
 #[test]
 fn both_ways_of_alternating_agree() {
     let mut random = Pcg64Mcg::seed_from_u64(22);
@@ -130,7 +221,7 @@ fn both_ways_of_alternating_agree() {
         let mut sums = vec![PrefixSum::default(); gains.len()];
         let field = SensorField::new(&limits, &gains, &mut amplitude, &mut sums).expect("a slot");
         let own = field.alternate(user, &settings, |_| {}).expect("a gain");
-        let solved = conic::alternate(&limits, &gains, user, &settings);
+        let solved = conic::alternate(&limits, &gains, user, None, &settings);
         println!(
             "{case}: {} {} {:?} {} {}",
             own.solution.rate, solved.rate, solved.status, own.subproblems, solved.solves

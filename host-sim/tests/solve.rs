@@ -347,6 +347,178 @@ fn bad_lines_are_answered_and_the_rest_go_on() {
     }
 }
 
+const SLOT: &str = r#"{"sensor_gain":[1e-11,2e-11,3e-11],"user_gain":1e-11,"sensor_power_max":0.05,"user_power_max":0.2,"noise_power":3e-13,"mse_threshold":0.2}"#;
+
+/// Returns [`SLOT`] with more fields.
+fn slot_with(fields: &str) -> String {
+    SLOT.replace("{", &format!("{{{fields},"))
+}
+
+fn output(method: Method, precision: Precision, lines: &str) -> String {
+    let mut output = Vec::new();
+    run(method, precision, lines.as_bytes(), &mut output).expect("memory");
+    String::from_utf8(output).expect("UTF-8")
+}
+
+/// Statistics that are absent or zero give the same bytes.
+#[test]
+fn without_errors_the_bytes_are_the_same() {
+    let zero =
+        r#""sensor_error_variance":0,"sensor_phase_error_rad":[0,0.0,0],"user_error_variance":0"#;
+    let reference = include_str!("data/slots.jsonl");
+    let with_zeros = reference.replace(
+        "{",
+        r#"{"sensor_error_variance":0,"user_error_variance":0.0,"#,
+    );
+    for precision in [Precision::F64, Precision::F32] {
+        let known = output(Method::Exact, precision, reference);
+        assert_eq!(output(Method::Exact, precision, &with_zeros), known);
+    }
+    for method in [
+        Method::Exact,
+        Method::Alternating,
+        Method::Conic,
+        Method::ConicAlternating,
+    ] {
+        let known = output(method, Precision::F64, SLOT);
+        assert_eq!(
+            output(method, Precision::F64, &slot_with(zero)),
+            known,
+            "{method:?}"
+        );
+    }
+}
+
+/// A number stands for a list of equal numbers, errors cost rate, and every method knows them.
+#[test]
+fn errors_are_taken_into_account_by_every_method() {
+    let number = slot_with(r#""sensor_error_variance":0.05,"sensor_phase_error_rad":0.3"#);
+    let list = slot_with(
+        r#""sensor_error_variance":[0.05,0.05,0.05],"sensor_phase_error_rad":[0.3,0.3,0.3]"#,
+    );
+    let user = slot_with(r#""user_error_variance":0.1"#);
+    let hopeless = slot_with(r#""sensor_phase_error_rad":1.5"#);
+    let lines = [SLOT, &number, &list, &user, &hopeless].join("\n");
+    let exact = answers(Method::Exact, Precision::F64, &lines);
+    assert_eq!(exact[1], exact[2]);
+    assert!(exact[1].rate < exact[0].rate && exact[3].rate < exact[0].rate);
+    assert!(exact[1].rate > 0.0 && exact[3].rate > 0.0);
+    assert_eq!(exact[4].status, reference::solve::Finding::ErrorFloor);
+    assert!(!exact[4].feasible && exact[4].rate == 0.0 && exact[4].least_mse > 0.2);
+    assert!((exact[1].mse / 0.2 - 1.0).abs() < 1e-9, "{}", exact[1].mse);
+    for method in [Method::Alternating, Method::Conic, Method::ConicAlternating] {
+        for (exact, other) in exact.iter().zip(answers(method, Precision::F64, &lines)) {
+            assert_eq!(exact.feasible, other.feasible, "{method:?} {other:?}");
+            assert!(
+                (other.least_mse / exact.least_mse - 1.0).abs() < 1e-6,
+                "{method:?} {other:?}"
+            );
+            let short = exact.rate - other.rate;
+            assert!(
+                (-1e-7..=0.01).contains(&short),
+                "{method:?} {other:?} {exact:?}"
+            );
+            if !exact.feasible {
+                assert_eq!(exact.status, other.status, "{method:?}");
+            }
+        }
+    }
+}
+
+/// Statistics that are invalid are named with line, field and value.
+#[test]
+fn bad_statistics_are_named() {
+    let cases: [(&str, &str); 17] = [
+        (
+            r#""sensor_error_variance":-0.1"#,
+            ": sensor_error_variance is -0.1, but must be a finite variance of at least 0",
+        ),
+        (
+            r#""sensor_error_variance":[0,-1e-300,0]"#,
+            "sensor_error_variance[1] is -0.000",
+        ),
+        (
+            r#""sensor_error_variance":NaN"#,
+            "sensor_error_variance: expected value",
+        ),
+        (
+            r#""sensor_error_variance":[0,NaN,0]"#,
+            "sensor_error_variance[1]: expected value",
+        ),
+        (
+            r#""sensor_error_variance":1e999"#,
+            "sensor_error_variance: number out of range",
+        ),
+        (
+            r#""sensor_error_variance":[0.1,0.1]"#,
+            "sensor_error_variance has 2 numbers, but must be one number or a list of 3",
+        ),
+        (
+            r#""sensor_error_variance":"small""#,
+            "sensor_error_variance: invalid type: string \"small\", expected a number or a list",
+        ),
+        (
+            r#""sensor_error_variance":null"#,
+            "sensor_error_variance: invalid type: null, expected a number or a list",
+        ),
+        (
+            r#""sensor_error_variance":[0,null,0]"#,
+            "sensor_error_variance[1]: invalid type: null",
+        ),
+        (
+            r#""sensor_phase_error_rad":3.2"#,
+            ": sensor_phase_error_rad is 3.2, but must be a standard deviation from 0 to pi",
+        ),
+        (
+            r#""sensor_phase_error_rad":[0.1,0.1,-0.1]"#,
+            "sensor_phase_error_rad[2] is -0.1,",
+        ),
+        (
+            r#""sensor_phase_error_rad":[]"#,
+            "sensor_phase_error_rad has 0 numbers",
+        ),
+        (
+            r#""sensor_phase_error_rad":Infinity"#,
+            "sensor_phase_error_rad",
+        ),
+        (
+            r#""user_error_variance":-1"#,
+            ": user_error_variance is -1, but must be a finite variance of at least 0",
+        ),
+        (
+            r#""user_error_variance":[0.1]"#,
+            "user_error_variance: invalid type: sequence, expected f64",
+        ),
+        (
+            r#""user_error_variance":null"#,
+            "user_error_variance: invalid type: null, expected f64",
+        ),
+        (
+            r#""user_error_variance":NaN"#,
+            "user_error_variance: expected value",
+        ),
+    ];
+    for precision in [Precision::F64, Precision::F32] {
+        for (fields, expected) in cases {
+            let input = format!("{SLOT}\n{}\n{SLOT}\n", slot_with(fields));
+            let mut written = Vec::new();
+            let tally = run(Method::Exact, precision, input.as_bytes(), &mut written);
+            let tally = tally.expect("memory");
+            assert_eq!((tally.lines, tally.errors), (3, 1), "{fields}");
+            let written = String::from_utf8(written).expect("UTF-8");
+            let lines: Vec<serde_json::Value> = (written.lines())
+                .map(|line| serde_json::from_str(line).expect("JSON"))
+                .collect();
+            let error = lines[1]["error"].as_str().expect("an error");
+            assert!(
+                error.starts_with("line 2") && error.contains(expected),
+                "{fields}: {error}"
+            );
+            assert_eq!(lines[0], lines[2]);
+        }
+    }
+}
+
 #[test]
 fn bytes_that_are_no_text_cost_one_line() {
     let mut output = Vec::new();
@@ -396,6 +568,7 @@ fn the_host_has_no_capacity_limit() {
         user_power_max: 0.2,
         noise_power: 3e-13,
         mse_threshold: 0.5 / 5000.0,
+        ..Problem::default()
     };
     let mut line = serde_json::to_string(&problem).expect("JSON");
     line.push('\n');

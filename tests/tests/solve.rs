@@ -59,6 +59,21 @@ fn bad_lines_do_not_stop_the_good_ones() {
             Some("sensor_gain[1] is -"),
         ),
         (changed("user_gain", json!("loud")), Some("user_gain")),
+        (changed("sensor_error_variance", json!(0.05)), None),
+        (
+            changed("sensor_error_variance", json!([0.1, 0.2])),
+            Some("sensor_error_variance has 2 numbers"),
+        ),
+        (
+            changed("sensor_phase_error_rad", json!(4)),
+            Some(
+                "line 11: sensor_phase_error_rad is 4, but must be a standard deviation from 0 to pi",
+            ),
+        ),
+        (
+            changed("user_error_variance", json!(-0.5)),
+            Some("user_error_variance is -0.5"),
+        ),
         (slot().to_string(), None),
     ];
     let input: Vec<&str> = cases.iter().map(|(line, _)| line.as_str()).collect();
@@ -75,7 +90,7 @@ fn bad_lines_do_not_stop_the_good_ones() {
             }
         }
     }
-    assert!(complaint.contains("7 of 9 lines"), "{complaint}");
+    assert!(complaint.contains("10 of 13 lines"), "{complaint}");
 }
 
 #[test]

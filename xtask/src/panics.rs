@@ -69,7 +69,7 @@ const fn accepted(name: &'static str, entry_point: &'static str) -> Probe {
     }
 }
 
-const PROBES: [Probe; 35] = [
+const PROBES: [Probe; 36] = [
     single(
         "slot_exact",
         "slot problem, exact: `Workspace::sensors`, `SensorField::solve`",
@@ -78,6 +78,10 @@ const PROBES: [Probe; 35] = [
     single(
         "slot_bounded",
         "slot problem, gains within bounds: `Workspace::guarantee`",
+    ),
+    gated(
+        "slot_uncertain",
+        "slot problem with error statistics: `SensorUncertainty::with_phase_error`, `UncertainWorkspace::sensors_of_amplitude`, `SensorField::allocate`, `UncertainWorkspace::guarantee`",
     ),
     single(
         "slot_methods",

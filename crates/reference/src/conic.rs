@@ -4,6 +4,7 @@
 //! * [`bisect`] solves eq:p1 itself. For a given SINR the slot problem is a second-order-cone
 //!   problem (`docs/mathematics.md`, section 3): minimize `||(1, y)||` for a given sum of
 //!   amplitudes. Bisection over the SINR gives the global optimum.
+//!   Where channels are not known exactly it takes their error statistics (section 10).
 //! * [`alternate`] is Alg. 1 with eq:p_pbp as printed: an exponential cone for the logarithm,
 //!   second-order cones for the MSE and `Psi`.
 //!
@@ -19,6 +20,7 @@ mod solution;
 use firmware_core::{
     PowerGain,
     inner::{SlotLimits, alternating::AlternatingSettings},
+    uncertainty::SlotUncertainty,
 };
 
 use program::{is_infeasible, is_solution};
@@ -32,15 +34,16 @@ const SINR_TOLERANCE: f64 = 1e-10;
 const BISECTIONS_MAX: u32 = 200;
 
 /// Solves eq:p1 by bisection over the SINR, with one second-order-cone problem per step. With a
-/// gain of `None`, no user is served.
+/// gain of `None`, no user is served; with statistics of `None`, the channels are known exactly.
 ///
 /// The slot must be one that [`firmware_core`] accepts.
 pub fn bisect(
     limits: &SlotLimits<f64>,
     gains: &[PowerGain<f64>],
     user: Option<PowerGain<f64>>,
+    uncertainty: Option<&SlotUncertainty<'_, f64>>,
 ) -> ConicSolution {
-    let slot = Slot::new(limits, gains, user);
+    let slot = Slot::new(limits, gains, user, uncertainty);
     let mut solves = 0;
     let peak = match slot.peak(&mut solves) {
         Ok(peak) => peak,
@@ -51,7 +54,7 @@ pub fn bisect(
     }
     let scale = slot.scale();
     let mut best = slot.with_signal(peak.amplitude.clone());
-    let (mut low, mut high) = (best.sinr(), slot.gains.len() as f64 / slot.kappa - 1.0);
+    let (mut low, mut high) = (slot.sinr(&best), slot.sinr_max());
     let mut failure = None;
     for _ in 0..BISECTIONS_MAX {
         if high - low <= SINR_TOLERANCE * high {
@@ -61,15 +64,15 @@ pub fn bisect(
         solves += 1;
         // The bound is tightened by more than the largest error of Clarabel, because the returned
         // point must reach this SINR exactly.
-        let energy_max = slot.budget / sinr * (1.0 - 2e-9);
+        let energy_max = slot.energy_max(sinr) * (1.0 - 2e-9);
         let (status, rival) = slot.least_energy(scale, Some(energy_max));
         let rival = rival.map(|amplitude| slot.with_signal(amplitude));
         match rival {
-            Some(rival) if rival.sinr() > best.sinr() => best = rival,
+            Some(rival) if slot.sinr(&rival) > slot.sinr(&best) => best = rival,
             _ => {}
         }
-        low = low.max(best.sinr());
-        if best.sinr() < sinr {
+        low = low.max(slot.sinr(&best));
+        if slot.sinr(&best) < sinr {
             high = sinr;
             if !(is_solution(status) || is_infeasible(status)) {
                 failure = Some(status);
@@ -90,9 +93,10 @@ pub fn alternate(
     limits: &SlotLimits<f64>,
     gains: &[PowerGain<f64>],
     user: Option<PowerGain<f64>>,
+    uncertainty: Option<&SlotUncertainty<'_, f64>>,
     settings: &AlternatingSettings<f64>,
 ) -> ConicSolution {
-    let slot = Slot::new(limits, gains, user);
+    let slot = Slot::new(limits, gains, user, uncertainty);
     let mut solves = 0;
     let peak = match slot.peak(&mut solves) {
         Ok(peak) => peak,
@@ -130,7 +134,7 @@ pub fn alternate(
             psi = slack.max(next.energy);
             at_rest = distance(eta, &point, eta, &next) <= tolerance && !is_slack;
             point = next;
-            if point.sinr() > best.sinr() {
+            if slot.sinr(&point) > slot.sinr(&best) {
                 best = point.clone();
             }
             if at_rest {

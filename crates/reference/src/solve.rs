@@ -2,10 +2,13 @@
 //!
 //! An input line contains `sensor_gain` (array, `|h_j|^2`), `user_gain` (`|g|^2`, or `null` if no
 //! user is served), `sensor_power_max`, `user_power_max`, `noise_power` (watts) and
-//! `mse_threshold`. Other keys are ignored, so that a line with known results can be replayed. An
-//! output line contains the answer, or `{"error": ".."}` with the line's number, the field, its
-//! value and what is allowed. There is always exactly one output line per input line. The number of
-//! sensors is limited only by the memory.
+//! `mse_threshold`. Where channels are not known exactly it also has `sensor_error_variance`,
+//! `sensor_phase_error_rad` and `user_error_variance`: the gains are then estimates, and rate and MSE
+//! are the achievable rate and the expected MSE (`docs/mathematics.md`, section 10). Other keys are
+//! ignored, so that a line with known results can be replayed. An output line contains the answer,
+//! or `{"error": ".."}` with the line's number, the field, its value and what is allowed. There is
+//! always exactly one output line per input line. The number of sensors is limited only by the
+//! memory.
 
 use std::{
     fmt,
@@ -17,14 +20,18 @@ use firmware_core::{
     PowerGain, Scalar, Watt, aircomp,
     inner::{
         self, LimitedBy, PrefixSum, SensorField, SlotAllocation, SlotLimits, Status,
-        alternating::AlternatingSettings,
+        WeightedAmplitude, alternating::AlternatingSettings,
     },
+    uncertainty::{SensorUncertainty, SlotUncertainty},
 };
 use serde::{Deserialize, Serialize};
 
 use files::input::LONGEST_BYTES;
 
-use crate::conic;
+use crate::{
+    conic,
+    uncertainty::{PerSensor, given, sensor_statistics},
+};
 
 /// The method that solves a problem.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -59,7 +66,7 @@ pub enum Precision {
 }
 
 /// A slot problem as written in a line.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Problem {
     /// The gain `|h_j|^2` of every sensor.
     pub sensor_gain: Vec<f64>,
@@ -73,6 +80,27 @@ pub struct Problem {
     pub noise_power: f64,
     /// The MSE threshold `Gamma`.
     pub mse_threshold: f64,
+    /// The variance of each sensor's channel error, relative to its gain; 0 if absent.
+    #[serde(
+        default,
+        deserialize_with = "given",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub sensor_error_variance: Option<PerSensor>,
+    /// The standard deviation of the Gaussian phase error of each sensor's signal, rad; 0 if absent.
+    #[serde(
+        default,
+        deserialize_with = "given",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub sensor_phase_error_rad: Option<PerSensor>,
+    /// The variance of the user's channel error, relative to its gain; 0 if absent.
+    #[serde(
+        default,
+        deserialize_with = "given",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub user_error_variance: Option<f64>,
 }
 
 /// The answer to a [`Problem`], as written in a line. Numbers of single precision are written to
@@ -83,7 +111,8 @@ pub struct Answer {
     pub feasible: bool,
     /// The rate `R`, bit/s/Hz, or 0 if infeasible.
     pub rate: f64,
-    /// The MSE with the powers, coefficients and `eta` below.
+    /// The MSE with the powers, coefficients and `eta` below; where channels are not known exactly, its
+    /// expectation.
     pub mse: f64,
     /// The constraint that limits the rate, or `none` if there is no rate.
     pub limited_by: LimitedBy,
@@ -113,6 +142,8 @@ pub enum Finding {
     Guaranteed,
     /// `Gamma` cannot be met.
     Infeasible,
+    /// `Gamma` cannot be met with any power, because the channels are not known well enough.
+    ErrorFloor,
     /// The convex solver gave up. The answer is the best point that it had reached, with verified
     /// constraints.
     SolverFailed,
@@ -255,10 +286,25 @@ impl Problem {
             Some(gain) => Some(PowerGain(rounded(&"user_gain", gain)?)),
             None => None,
         };
-        let mut amplitude = vec![T::zero(); sensor_gains.len()];
+        let statistics = Statistics::of(self)?;
+        let uncertainty = match &statistics {
+            Some(statistics) => Some(statistics.of_slot()?),
+            None => None,
+        };
+        let (mut amplitude, mut weighted) = (Vec::new(), Vec::new());
         let mut sums = vec![PrefixSum::default(); sensor_gains.len()];
-        let field = SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
-            .map_err(LineError::input)?;
+        let field = match &uncertainty {
+            None => {
+                amplitude.resize(sensor_gains.len(), T::zero());
+                SensorField::new(&limits, &sensor_gains, &mut amplitude, &mut sums)
+            }
+            Some(uncertainty) => {
+                weighted.resize(sensor_gains.len(), WeightedAmplitude::default());
+                let memory = (&mut weighted[..], &mut sums[..]);
+                SensorField::with_uncertainty(&limits, &sensor_gains, uncertainty, memory)
+            }
+        }
+        .map_err(LineError::input)?;
         let amplitude_gains: Vec<T> = sensor_gains.iter().map(|gain| gain.amplitude()).collect();
         let allocation = match method {
             Method::Alternating => inner::Method::Alternating(AlternatingSettings::default()),
@@ -287,31 +333,42 @@ impl Problem {
         };
         let gains: Vec<_> = self.sensor_gain.iter().copied().map(PowerGain).collect();
         let user = self.user_gain.map(PowerGain);
+        let statistics = Statistics::of(self)?;
+        let uncertainty = match &statistics {
+            Some(statistics) => Some(statistics.of_slot()?),
+            None => None,
+        };
+        let uncertainty = uncertainty.as_ref();
         let (solution, rested) = if method == Method::Conic {
-            (conic::bisect(&limits, &gains, user), Finding::Optimal)
+            let solution = conic::bisect(&limits, &gains, user, uncertainty);
+            (solution, Finding::Optimal)
         } else {
             let settings = AlternatingSettings::default();
             (
-                conic::alternate(&limits, &gains, user, &settings),
+                conic::alternate(&limits, &gains, user, uncertainty, &settings),
                 Finding::Converged,
             )
         };
         let status = match solution.status {
             conic::ConicStatus::Solved => rested,
             conic::ConicStatus::IterationLimit => Finding::IterationLimit,
+            conic::ConicStatus::ErrorFloor => Finding::ErrorFloor,
             conic::ConicStatus::Infeasible => Finding::Infeasible,
             conic::ConicStatus::SolverFailed(_) => Finding::SolverFailed,
         };
-        let mse = aircomp::Slot {
+        let slot = aircomp::Slot {
             sensor_gains: &gains,
             sensor_coefficients: &solution.sensor_coefficients,
             user_gain: user.unwrap_or_default(),
             user_power: Watt(solution.user_power_w),
             noise_power: limits.noise_power,
-        }
-        .mse(solution.normalizing_factor);
+        };
+        let mse = match uncertainty {
+            None => slot.mse(solution.normalizing_factor),
+            Some(statistics) => slot.expected_mse(statistics, solution.normalizing_factor),
+        };
         let feasible = match status {
-            Finding::Infeasible => false,
+            Finding::Infeasible | Finding::ErrorFloor => false,
             Finding::SolverFailed => mse <= limits.mse_threshold,
             _ => true,
         };
@@ -326,6 +383,36 @@ impl Problem {
             least_mse: solution.least_mse,
             status,
         })
+    }
+}
+
+/// The error statistics of a problem in the arithmetic `T`.
+#[derive(Clone, Debug)]
+struct Statistics<T> {
+    sensors: Vec<SensorUncertainty<T>>,
+    user_error_variance: T,
+}
+
+impl<T: Scalar> Statistics<T> {
+    /// Returns the statistics of a problem, or `None` if its channels are known exactly.
+    fn of(problem: &Problem) -> Result<Option<Self>, LineError> {
+        let variance = problem.sensor_error_variance.as_ref();
+        let phase = problem.sensor_phase_error_rad.as_ref();
+        if variance.is_none() && phase.is_none() && problem.user_error_variance.is_none() {
+            return Ok(None);
+        }
+        let sensors = problem.sensor_gain.len();
+        let user_error_variance = problem.user_error_variance.unwrap_or(0.0);
+        // As written: rounded to single precision, a bad value might be a valid one.
+        SlotUncertainty::new(&[], user_error_variance).map_err(LineError::input)?;
+        Ok(Some(Self {
+            sensors: sensor_statistics(sensors, variance, phase).map_err(LineError::Input)?,
+            user_error_variance: T::of(user_error_variance),
+        }))
+    }
+
+    fn of_slot(&self) -> Result<SlotUncertainty<'_, T>, LineError> {
+        SlotUncertainty::new(&self.sensors, self.user_error_variance).map_err(LineError::input)
     }
 }
 
@@ -350,6 +437,7 @@ impl Answer {
                 Status::IterationLimit { .. } => Finding::IterationLimit,
                 Status::Guaranteed { .. } => Finding::Guaranteed,
                 Status::Infeasible { .. } => Finding::Infeasible,
+                Status::ErrorFloor { .. } => Finding::ErrorFloor,
             },
         }
     }

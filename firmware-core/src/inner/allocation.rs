@@ -11,7 +11,7 @@ pub struct SlotAllocation<T> {
     /// Powers, normalizing factor, rate and status.
     pub solution: Solution<T>,
     /// The MSE of the average with these powers and coefficients, in the paper's own form (second
-    /// line after eq:md).
+    /// line after eq:md); where channels are not known exactly, its expectation.
     pub mse: T,
 }
 
@@ -34,15 +34,28 @@ impl<T: Scalar> SensorField<'_, T> {
     ) -> Result<SlotAllocation<T>, SlotError<T>> {
         let solution = solver.solve(self, user)?;
         let signal_w = user.unwrap_or_default().0 * solution.user_power.0;
-        let received =
-            (amplitude_gains.iter())
-                .zip(coefficients)
-                .map(|(&amplitude, coefficient)| {
+        let eta = solution.normalizing_factor;
+        let noise_power = self.limits().noise_power.0;
+        let sensors = amplitude_gains.iter().zip(coefficients);
+        let mse = match self.sorted.uncertainty() {
+            None => {
+                let symbol_errors = sensors.map(|(&amplitude, coefficient)| {
                     *coefficient = solution.coefficient_of_amplitude(amplitude);
-                    *coefficient * amplitude
+                    aircomp::symbol_error(eta * (*coefficient * amplitude))
                 });
-        let noise_w = signal_w + self.limits().noise_power.0;
-        let mse = aircomp::mse(received, noise_w, solution.normalizing_factor);
+                aircomp::mse(symbol_errors, signal_w + noise_power, eta)
+            }
+            Some(uncertainty) => {
+                let sensors = sensors.zip(uncertainty.sensors());
+                let symbol_errors = sensors.map(|((&amplitude, coefficient), sensor)| {
+                    let effective = sensor.effective_amplitude(amplitude);
+                    *coefficient = solution.coefficient_of_amplitude(effective);
+                    aircomp::expected_symbol_error(eta * (*coefficient * amplitude), sensor)
+                });
+                let noise_w = signal_w * uncertainty.user_excess() + noise_power;
+                aircomp::mse(symbol_errors, noise_w, eta)
+            }
+        };
         Ok(SlotAllocation { solution, mse })
     }
 }

@@ -28,7 +28,7 @@
 use super::{
     LimitedBy, SlotError, Solution, Status,
     level::{Level, Segment, SensorField},
-    rate::rate_of_sinr,
+    weighted::Sorted,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 use serde::{Deserialize, Serialize};
@@ -140,8 +140,7 @@ impl<T: Scalar> SensorField<'_, T> {
             subproblems: 0,
         };
         if !self.is_feasible() {
-            let least_mse = self.least_mse();
-            report.solution.status = Status::Infeasible { least_mse };
+            report.solution.status = self.infeasible(self.least_mse());
             report.outcome = AlternatingOutcome::Infeasible;
             return Ok(report);
         }
@@ -172,7 +171,7 @@ impl<T: Scalar> SensorField<'_, T> {
             observe(Step {
                 outer_step,
                 subproblems: report.subproblems,
-                rate: rate_of_sinr(here.signal / here.level.energy),
+                rate: self.rate_of(here.signal, &here.level),
             });
             if moved <= settings.tolerance * settings.tolerance {
                 if inner.converged {
@@ -282,13 +281,21 @@ impl<T: Scalar> SensorField<'_, T> {
         (level, room(&level).max(T::zero()).min(budget))
     }
 
-    /// Returns the squared distance of two points, in the variables `x_j = eta y_j` and `eta^2 q`.
+    /// Returns the squared distance of two points, in the variables `x_j = eta y_j` and `eta^2 q`; where
+    /// channels are not known exactly, in variables that move no less than these.
     fn squared_distance(&self, from: &Point<T>, to: &Point<T>) -> T {
         let signal = to.eta * to.eta * to.signal - from.eta * from.eta * from.signal;
-        self.amplitude.iter().fold(signal * signal, |sum, &a| {
+        let add = |sum, a| {
             let moved = to.eta * to.level.c.min(a) - from.eta * from.level.c.min(a);
             sum + moved * moved
-        })
+        };
+        let squared = signal * signal;
+        match self.sorted {
+            Sorted::Known(sensors) => sensors.iter().fold(squared, |sum, &a| add(sum, a)),
+            Sorted::Weighted(sensors, _) => {
+                (sensors.iter()).fold(squared, |sum, sensor| add(sum, sensor.amplitude))
+            }
+        }
     }
 }
 
@@ -336,7 +343,10 @@ mod tests {
             for _ in 0..100 {
                 let spread = random.random_range(-12.0_f64..0.0).exp();
                 let (mut sum, mut energy) = (0.0, 1.0);
-                for &a in field.amplitude {
+                let Sorted::Known(amplitudes) = field.sorted else {
+                    panic!("no statistics were given");
+                };
+                for &a in amplitudes {
                     let near = level.c.min(a) + spread * random.random_range(-1.0..1.0);
                     let y = near.clamp(0.0, a);
                     sum += y;

@@ -21,16 +21,23 @@
 //! A sensor whose lower bound is 0 stays silent: in the worst case its whole symbol is missing,
 //! whatever its coefficient.
 //!
+//! With error statistics the gains within the bounds are estimates, and what is guaranteed is the
+//! expected MSE and an achievable rate. With effective amplitudes, which are `v_j / rho_j` times as
+//! large, the error of a sensor is `1 - m_j` plus `m_j` times the square above, and its energy is
+//! `m_j` times as large (section 10). A channel that is known exactly has the weight `m_j = 1`.
+//!
 //! Worst case: one exact slot, and `BISECTIONS` sums over the sensors.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    LimitedBy, SlotError, SlotLimits, Status, Workspace, error::check_gains, rate::rate_of_sinr,
+    LimitedBy, SlotError, SlotLimits, Solution, Status, UncertainWorkspace, Workspace,
+    error::check_gains, rate::rate_of_sinr,
 };
 use crate::{
     scalar::Scalar,
+    uncertainty::{SensorUncertainty, SlotUncertainty},
     units::{PowerGain, Watt},
 };
 
@@ -66,7 +73,7 @@ pub struct Guarantee<T> {
     pub status: Status<T>,
     /// The worst-case rate, bit/s/Hz.
     pub rate: T,
-    /// The worst-case MSE.
+    /// The worst-case MSE; with error statistics the worst case of its expectation.
     pub mse: T,
     /// `p` of the served user.
     pub user_power: Watt<T>,
@@ -82,14 +89,22 @@ impl<T: Scalar> Guarantee<T> {
         self.choice
             .coefficient(&Ends::of(gain, self.noise_amplitude))
     }
+
+    /// As [`coefficient`](Self::coefficient), of a sensor with error statistics.
+    pub fn uncertain_coefficient(&self, gain: &GainBounds<T>, sensor: &SensorUncertainty<T>) -> T {
+        self.choice
+            .coefficient(&Ends::of(gain, self.noise_amplitude).under(sensor))
+    }
 }
 
-/// The amplitude gains of a link at both ends of its bounds, divided by the noise amplitude: one
-/// over square root of watts.
+/// The effective amplitude gains of a link at both ends of its bounds, divided by the noise
+/// amplitude: one over square root of watts.
 #[derive(Clone, Copy, Debug)]
 struct Ends<T> {
     low: T,
     high: T,
+    /// `m_j`.
+    weight: T,
 }
 
 impl<T: Scalar> Ends<T> {
@@ -97,6 +112,16 @@ impl<T: Scalar> Ends<T> {
         Self {
             low: gain.least.amplitude() / noise_amplitude,
             high: gain.most.amplitude() / noise_amplitude,
+            weight: T::one(),
+        }
+    }
+
+    /// Returns the ends for a channel with these error statistics.
+    fn under(self, sensor: &SensorUncertainty<T>) -> Self {
+        Self {
+            low: sensor.effective_amplitude(self.low),
+            high: sensor.effective_amplitude(self.high),
+            weight: sensor.weight(),
         }
     }
 }
@@ -140,8 +165,8 @@ impl<T: Scalar> Choice<T> {
             let short = T::one() - self.eta * b * ends.low;
             let over = self.eta * b * ends.high - T::one();
             let error = short.max(over);
-            worst.error += error * error;
-            worst.energy += b * ends.high * b * ends.high;
+            worst.error += T::one() - ends.weight + ends.weight * error * error;
+            worst.energy += ends.weight * b * ends.high * b * ends.high;
         }
         worst
     }
@@ -163,7 +188,7 @@ impl<T: Scalar> Choice<T> {
             let slope = heard().fold(eta, |sum, ends| {
                 let a = coefficient_max * ends.low;
                 if eta < even(ends) {
-                    sum - a * (T::one() - eta * a)
+                    sum - ends.weight * a * (T::one() - eta * a)
                 } else {
                     sum
                 }
@@ -194,6 +219,55 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         sensors: &[GainBounds<T>],
         user: Option<GainBounds<T>>,
     ) -> Result<Guarantee<T>, SlotError<T>> {
+        let bounds = Bounds::<T, J>::of(limits, sensors, user)?;
+        let user = bounds.user;
+        let for_low_ends = self
+            .sensors(limits, &bounds.least)?
+            .solve(Some(user.most))?;
+        Ok(bounds.guarantee(limits, &for_low_ends, T::zero()))
+    }
+}
+
+impl<T: Scalar, const J: usize> UncertainWorkspace<T, J> {
+    /// Returns the solution for estimates within bounds and errors with these statistics, with `user`
+    /// served, or nobody (`None`). The coefficients are those of
+    /// [`Guarantee::uncertain_coefficient`].
+    ///
+    /// # Errors
+    /// As [`Workspace::guarantee`], and if there are not as many statistics as sensors.
+    pub fn guarantee(
+        &mut self,
+        limits: &SlotLimits<T>,
+        sensors: &[GainBounds<T>],
+        user: Option<GainBounds<T>>,
+        uncertainty: &SlotUncertainty<'_, T>,
+    ) -> Result<Guarantee<T>, SlotError<T>> {
+        let mut bounds = Bounds::<T, J>::of(limits, sensors, user)?;
+        let user = bounds.user;
+        let for_low_ends = self
+            .sensors(limits, &bounds.least, uncertainty)?
+            .solve(Some(user.most))?;
+        for (ends, sensor) in bounds.ends.iter_mut().zip(uncertainty.sensors()) {
+            *ends = ends.under(sensor);
+        }
+        Ok(bounds.guarantee(limits, &for_low_ends, uncertainty.user_error_variance()))
+    }
+}
+
+/// The checked bounds of a slot.
+struct Bounds<T, const J: usize> {
+    least: Vec<PowerGain<T>, J>,
+    ends: Vec<Ends<T>, J>,
+    user: GainBounds<T>,
+    noise_amplitude: T,
+}
+
+impl<T: Scalar, const J: usize> Bounds<T, J> {
+    fn of(
+        limits: &SlotLimits<T>,
+        sensors: &[GainBounds<T>],
+        user: Option<GainBounds<T>>,
+    ) -> Result<Self, SlotError<T>> {
         let too_many = SlotError::TooManySensors {
             sensors: sensors.len(),
             capacity: J,
@@ -208,19 +282,43 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
         check_gains(sensors.iter().map(|gain| gain.most))?;
         let user = user.unwrap_or_default();
         SlotError::check_user(Some(user.least))?;
-        let for_low_ends = self.sensors(limits, &least)?.solve(Some(user.most))?;
+        Ok(Self {
+            least,
+            ends,
+            user,
+            noise_amplitude,
+        })
+    }
 
+    /// Returns the better guarantee of the two choices; `for_low_ends` is the optimum for the sensors'
+    /// lower bounds.
+    fn guarantee(
+        &self,
+        limits: &SlotLimits<T>,
+        for_low_ends: &Solution<T>,
+        user_error_variance: T,
+    ) -> Guarantee<T> {
+        let Self {
+            ends,
+            user,
+            noise_amplitude,
+            ..
+        } = self;
+        let noise_amplitude = *noise_amplitude;
         let coefficient_max = limits.coefficient_max();
-        let quietest = Choice::quietest(&ends, coefficient_max);
+        let quietest = Choice::quietest(ends, coefficient_max);
         let leveled = Choice {
             eta: for_low_ends.normalizing_factor * noise_amplitude,
             level: for_low_ends.level / noise_amplitude,
             coefficient_max,
         };
-        let promise = |choice| promise(limits, &ends, &user, noise_amplitude, choice);
+        let promise = |choice| {
+            let user = (user, user_error_variance);
+            promise(limits, ends, user, noise_amplitude, choice)
+        };
         let (a, b) = (promise(leveled), promise(quietest));
         let a_is_better = a.status.is_feasible() && (a.rate > b.rate || !b.status.is_feasible());
-        Ok(if a_is_better { a } else { b })
+        if a_is_better { a } else { b }
     }
 }
 
@@ -228,7 +326,7 @@ impl<T: Scalar, const J: usize> Workspace<T, J> {
 fn promise<T: Scalar>(
     limits: &SlotLimits<T>,
     sensors: &[Ends<T>],
-    user: &GainBounds<T>,
+    (user, user_error_variance): (&GainBounds<T>, T),
     noise_amplitude: T,
     choice: Choice<T>,
 ) -> Guarantee<T> {
@@ -248,8 +346,9 @@ fn promise<T: Scalar>(
         noise_amplitude,
     };
     if guarantee.mse > limits.mse_threshold {
-        let least_mse = guarantee.mse;
-        guarantee.status = Status::Infeasible { least_mse };
+        let missing = sensors.iter().map(|ends| T::one() - ends.weight);
+        let floor = missing.fold(T::zero(), |sum, one| sum + one) / (count * count);
+        guarantee.status = Status::infeasible(guarantee.mse, floor, limits);
         return guarantee;
     }
     let power_max = limits.user_power_max.0;
@@ -258,15 +357,18 @@ fn promise<T: Scalar>(
     }
     // The result is infinite or NaN where `eta` is 0: no sensor is heard then, and no user power is
     // possible.
-    let affordable = (room / eta_squared).max(T::zero()) * (limits.noise_power.0 / user.most.0);
+    let user_excess = T::one() + user_error_variance;
+    let affordable =
+        (room / (eta_squared * user_excess)).max(T::zero()) * (limits.noise_power.0 / user.most.0);
     let (power, limited_by) = if affordable < power_max {
         (affordable, LimitedBy::Accuracy)
     } else {
         (power_max, LimitedBy::Power)
     };
     let signal = |gain: PowerGain<T>| power * (gain.0 / limits.noise_power.0);
-    let rate = rate_of_sinr(signal(user.least) / worst.energy);
-    let mse = (worst.error + eta_squared * signal(user.most)) / (count * count);
+    let known = signal(user.least);
+    let rate = rate_of_sinr(known / (worst.energy + user_error_variance * known));
+    let mse = (worst.error + eta_squared * user_excess * signal(user.most)) / (count * count);
     // With gains at the end of the number type nothing can be guaranteed for the user.
     if rate.finite() && mse.finite() {
         guarantee.status = Status::Guaranteed { limited_by };

@@ -33,6 +33,13 @@ pub enum SlotError<T: fmt::Display> {
         /// The valid range.
         expected: &'static str,
     },
+    /// There are not as many error statistics as sensors.
+    UncertaintyCount {
+        /// The number of error statistics.
+        statistics: usize,
+        /// `J`, the number of sensors.
+        sensors: usize,
+    },
     /// The workspace is too small.
     TooManySensors {
         /// `J`, the number of sensors.
@@ -61,6 +68,13 @@ impl<T: fmt::Display> fmt::Display for SlotError<T> {
                 value,
                 expected,
             } => write!(f, "{field} is {value}, but must be {expected}"),
+            Self::UncertaintyCount {
+                statistics,
+                sensors,
+            } => write!(
+                f,
+                "there are error statistics of {statistics} sensors, but gains of {sensors}"
+            ),
             Self::TooManySensors { sensors, capacity } => write!(
                 f,
                 "there are {sensors} sensors, but the capacity is {capacity}"

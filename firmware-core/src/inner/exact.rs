@@ -6,13 +6,15 @@
 //! **accuracy** limits it (`c = c*`) or **power** does (`q = Q`, and `c` is the root below `c*` of
 //! `A^2 = kappa (Q + E)`: between two neighbouring `a_j` a quadratic).
 //!
+//! Where channels are not known exactly, the levels are weighted and `q`, `Q` are `1 + eps_g` times as
+//! large; all formulas keep their form (section 10).
+//!
 //! Worst case per user, once the sensors are sorted: `log2 J` comparisons and one quadratic; no
 //! iteration to a tolerance, no allocation.
 
 use super::{
     LimitedBy, SlotError, Solution, Status,
     level::{Level, Segment, SensorField},
-    rate::rate_of_sinr,
 };
 use crate::{scalar::Scalar, units::PowerGain};
 
@@ -36,15 +38,14 @@ impl<T: Scalar> SensorField<'_, T> {
             return T::zero();
         }
         let (_, level, signal) = self.operating_point(self.normalized_budget(user));
-        rate_of_sinr(signal / level.energy)
+        self.rate_of(signal, &level)
     }
 
     /// Returns the status, level and user signal `q` of the optimum for a budget `Q`.
     fn operating_point(&self, budget: T) -> (Status<T>, Level<T>, T) {
         let optimal = |limited_by| Status::Optimal { limited_by };
         if !self.is_feasible() {
-            let least_mse = self.least_mse();
-            return (Status::Infeasible { least_mse }, self.peak, T::zero());
+            return (self.infeasible(self.least_mse()), self.peak, T::zero());
         }
         if budget <= T::zero() {
             return (optimal(LimitedBy::None), self.peak, T::zero());

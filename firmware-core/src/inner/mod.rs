@@ -12,10 +12,13 @@
 //! [`exact`] solves it in closed form and is the default; [`alternating`] is the paper's own
 //! algorithm; [`bounded`] gives guarantees for gains within bounds; [`Method`] also has the paper's
 //! comparison schemes. All of them work on a [`SensorField`]: the sensors of a position, sorted and
-//! summed once.
+//! summed once. Where channels are not known exactly, an [`UncertainWorkspace`] makes a field from
+//! their error statistics ([`uncertainty`](crate::uncertainty)); every method then solves the slot
+//! for the expected MSE and an achievable rate.
 //!
 //! The result of a solve is a value: a slot in which no choice meets `Gamma` is
-//! [`Status::Infeasible`], with the least MSE that is possible. Errors are for input that is not a
+//! [`Status::Infeasible`], with the least MSE that is possible, or [`Status::ErrorFloor`] where no
+//! power would help. Errors are for input that is not a
 //! slot problem.
 
 //!
@@ -55,11 +58,13 @@ mod rate;
 mod scheme;
 mod solution;
 mod sort;
+mod weighted;
 
 pub use allocation::SlotAllocation;
 pub use error::SlotError;
-pub use level::{SensorField, Workspace};
+pub use level::{SensorField, UncertainWorkspace, Workspace};
 pub use limits::SlotLimits;
 pub use method::{ExactSolver, Method, SlotSolver};
 pub use prefix_sum::PrefixSum;
 pub use solution::{LimitedBy, Solution, Status};
+pub use weighted::WeightedAmplitude;

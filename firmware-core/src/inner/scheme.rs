@@ -76,7 +76,7 @@ impl<T: Scalar> SensorField<'_, T> {
         let (status, signal) = if level.efficiency() < self.limits.kappa(self.sensor_count()) {
             let sensors = T::count(self.sensor_count());
             let least_mse = (sensors - level.efficiency()) / (sensors * sensors);
-            (Status::Infeasible { least_mse }, T::zero())
+            (self.infeasible(least_mse), T::zero())
         } else {
             let limited_by = if budget <= T::zero() {
                 LimitedBy::None

@@ -5,10 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     level::{Level, SensorField},
-    rate::rate_of_sinr,
+    limits::SlotLimits,
 };
 use crate::{
     scalar::Scalar,
+    uncertainty::SensorUncertainty,
     units::{PowerGain, Watt},
 };
 
@@ -59,12 +60,33 @@ pub enum Status<T> {
         /// What limits the rate.
         limited_by: LimitedBy,
     },
+    /// No choice meets `Gamma`, and none would with any power at any position: the channels are not
+    /// known well enough ([`SensorField::error_floor`]). The user is silent and the average has the
+    /// MSE below.
+    ErrorFloor {
+        /// The smallest MSE that these channels allow.
+        least_mse: T,
+    },
+}
+
+impl<T: Scalar> Status<T> {
+    /// Returns the status of a slot in which `Gamma` cannot be met, with the reason: `floor` is the MSE
+    /// that no power can reach.
+    pub(super) fn infeasible(least_mse: T, floor: T, limits: &SlotLimits<T>) -> Self {
+        // In section 10 this is W <= kappa. Exactly known channels have no floor, even where Gamma
+        // is below rounding.
+        if floor > T::zero() && floor >= limits.mse_threshold {
+            Status::ErrorFloor { least_mse }
+        } else {
+            Status::Infeasible { least_mse }
+        }
+    }
 }
 
 impl<T> Status<T> {
     /// Returns whether the average meets `Gamma`.
     pub fn is_feasible(&self) -> bool {
-        !matches!(self, Status::Infeasible { .. })
+        !matches!(self, Status::Infeasible { .. } | Status::ErrorFloor { .. })
     }
 
     /// Returns what limits the rate; `None` where the channels do not allow `Gamma`.
@@ -74,7 +96,7 @@ impl<T> Status<T> {
             | Status::Converged { limited_by }
             | Status::IterationLimit { limited_by }
             | Status::Guaranteed { limited_by } => limited_by,
-            Status::Infeasible { .. } => LimitedBy::None,
+            Status::Infeasible { .. } | Status::ErrorFloor { .. } => LimitedBy::None,
         }
     }
 }
@@ -104,6 +126,13 @@ impl<T: Scalar> Solution<T> {
         self.coefficient_of_amplitude(gain.amplitude())
     }
 
+    /// Returns `|b_j|` of a sensor with the estimated gain `|h_j|^2` whose channel is not known exactly,
+    /// square root of watts; otherwise as [`coefficient`](Self::coefficient), which is for channels
+    /// that are.
+    pub fn uncertain_coefficient(&self, gain: PowerGain<T>, sensor: &SensorUncertainty<T>) -> T {
+        self.coefficient_of_amplitude(sensor.effective_amplitude(gain.amplitude()))
+    }
+
     /// As [`coefficient`](Self::coefficient), from `|h_j|`.
     pub fn coefficient_of_amplitude(&self, amplitude: T) -> T {
         if amplitude <= T::zero() {
@@ -114,8 +143,14 @@ impl<T: Scalar> Solution<T> {
 }
 
 impl<T: Scalar> SensorField<'_, T> {
+    /// Returns the status of a slot in which `Gamma` cannot be met, with the reason.
+    pub(super) fn infeasible(&self, least_mse: T) -> Status<T> {
+        Status::infeasible(least_mse, self.error_floor(), &self.limits)
+    }
+
     /// Converts the normalized solution to watts: `p = q sigma^2 / |g|^2`, never above `p^max`, and
-    /// `eta = A / (q + E)`, the normalizing factor of least MSE (eq:eta_).
+    /// `eta = A / (q + E)`, the normalizing factor of least MSE (eq:eta_). `signal` is `q`, or `(1 +
+    /// eps_g) q` where channels are not known exactly.
     pub(super) fn solution(
         &self,
         status: Status<T>,
@@ -129,11 +164,16 @@ impl<T: Scalar> SensorField<'_, T> {
         } else if signal >= self.normalized_budget(user) {
             power_max
         } else {
-            (signal * (self.limits.noise_power.0 / user.0)).min(power_max)
+            let power = signal * (self.limits.noise_power.0 / user.0);
+            match self.sorted.uncertainty() {
+                None => power,
+                Some(uncertainty) => power / uncertainty.user_excess(),
+            }
+            .min(power_max)
         };
         Solution {
             status,
-            rate: rate_of_sinr(signal / level.energy),
+            rate: self.rate_of(signal, level),
             user_power: Watt(user_power),
             normalizing_factor: level.sum / ((signal + level.energy) * self.noise_amplitude),
             level: level.c * self.noise_amplitude,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-//! Sorting of amplitudes.
+//! Sorting of amplitudes, with or without weights.
 //!
 //! Runs of eight by a sorting network, then merges of neighbouring runs. The sorts of `core` take
 //! more instructions at 36 numbers, need three times as much code, and contain a panic for an
@@ -7,53 +7,102 @@
 //!
 //! Worst case: `O(J log J)`, and few instructions more than on average.
 
-use super::prefix_sum::PrefixSum;
+use super::{prefix_sum::PrefixSum, weighted::WeightedAmplitude};
 use crate::{scalar::Scalar, sort::insertion_sort};
 
 /// The length of the runs that the network sorts.
 const RUN: usize = 8;
 
-/// Sorts numbers in ascending order, none of which is NaN or infinite. `scratch`, as long as
-/// `values`, is used as memory in between.
-pub(super) fn sort<T: Scalar>(values: &mut [T], scratch: &mut [PrefixSum<T>]) {
+/// What is sorted, by an amplitude that is neither NaN nor infinite. Between two merges it is stored
+/// in the memory of the running sums.
+pub(super) trait Sortable<T>: Copy {
+    /// Returns an item that is stronger than any other.
+    fn end() -> Self;
+    /// Returns the amplitude.
+    fn amplitude(&self) -> T;
+    /// Stores the item.
+    fn store(self, memory: &mut PrefixSum<T>);
+    /// Returns the item that was stored.
+    fn load(memory: &PrefixSum<T>) -> Self;
+}
+
+impl<T: Scalar> Sortable<T> for T {
+    fn end() -> Self {
+        T::of(f64::INFINITY)
+    }
+    fn amplitude(&self) -> T {
+        *self
+    }
+    fn store(self, memory: &mut PrefixSum<T>) {
+        memory.amplitude = self;
+    }
+    fn load(memory: &PrefixSum<T>) -> Self {
+        memory.amplitude
+    }
+}
+
+impl<T: Scalar> Sortable<T> for WeightedAmplitude<T> {
+    fn end() -> Self {
+        Self {
+            amplitude: T::of(f64::INFINITY),
+            weight: T::zero(),
+        }
+    }
+    fn amplitude(&self) -> T {
+        self.amplitude
+    }
+    fn store(self, memory: &mut PrefixSum<T>) {
+        memory.amplitude = self.amplitude;
+        memory.energy = self.weight;
+    }
+    fn load(memory: &PrefixSum<T>) -> Self {
+        Self {
+            amplitude: memory.amplitude,
+            weight: memory.energy,
+        }
+    }
+}
+
+/// Sorts items in ascending order. `scratch`, as long as `values`, is used as memory in between.
+pub(super) fn sort<T: Scalar, V: Sortable<T>>(values: &mut [V], scratch: &mut [PrefixSum<T>]) {
     let (runs, rest) = values.as_chunks_mut::<RUN>();
     for run in runs {
         sort_run(run);
     }
-    insertion_sort(rest, |a, b| a < b);
+    insertion_sort(rest, |a, b| a.amplitude() < b.amplitude());
     let mut run = RUN;
     while run < values.len() {
         merge_runs(values, run, scratch);
         for (value, merged) in values.iter_mut().zip(scratch.iter()) {
-            *value = merged.amplitude;
+            *value = V::load(merged);
         }
         run *= 2;
     }
 }
 
 /// Merges each two neighbouring runs of length `run` of `values` into one, in `merged`.
-fn merge_runs<T: Scalar>(values: &[T], run: usize, merged: &mut [PrefixSum<T>]) {
-    // Larger than any number: behind the end of a run.
-    let end = T::of(f64::INFINITY);
+fn merge_runs<T: Scalar, V: Sortable<T>>(values: &[V], run: usize, merged: &mut [PrefixSum<T>]) {
+    // Behind the end of a run.
+    let end = V::end();
     let mut merged = merged.iter_mut();
     for pair in values.chunks(2 * run) {
         let (left, right) = pair.split_at_checked(run).unwrap_or((pair, &[]));
         let (mut left, mut right) = (left.iter().copied(), right.iter().copied());
         let (mut a, mut b) = (left.next().unwrap_or(end), right.next().unwrap_or(end));
         for merged in merged.by_ref().take(pair.len()) {
-            if b < a {
-                merged.amplitude = b;
+            if b.amplitude() < a.amplitude() {
+                b.store(merged);
                 b = right.next().unwrap_or(end);
             } else {
-                merged.amplitude = a;
+                a.store(merged);
                 a = left.next().unwrap_or(end);
             }
         }
     }
 }
 
-/// Sorts eight numbers, by a network of 19 comparisons.
-fn sort_run<T: Scalar>([a, b, c, d, e, f, g, h]: &mut [T; RUN]) {
+/// Sorts eight items, by a network of 19 comparisons.
+fn sort_run<T: Scalar, V: Sortable<T>>([a, b, c, d, e, f, g, h]: &mut [V; RUN]) {
     order(a, c);
     order(b, d);
     order(e, g);
@@ -80,9 +129,10 @@ fn sort_run<T: Scalar>([a, b, c, d, e, f, g, h]: &mut [T; RUN]) {
     order(f, g);
 }
 
-fn order<T: Scalar>(low: &mut T, high: &mut T) {
+fn order<T: Scalar, V: Sortable<T>>(low: &mut V, high: &mut V) {
     let (a, b) = (*low, *high);
-    (*low, *high) = if b < a { (b, a) } else { (a, b) };
+    let swap = b.amplitude() < a.amplitude();
+    (*low, *high) = if swap { (b, a) } else { (a, b) };
 }
 
 #[cfg(test)]
@@ -128,7 +178,22 @@ mod tests {
                 let values = Vec::from_iter((0..length).map(number));
                 let mut expected = values.clone();
                 expected.sort_by(f32::total_cmp);
-                assert_eq!(sorted(values), expected, "{length} {factor}");
+                assert_eq!(sorted(values.clone()), expected, "{length} {factor}");
+                let weight = |index: usize| index as f32;
+                let mut pairs = Vec::from_iter((0..length).map(|index| WeightedAmplitude {
+                    amplitude: values[index],
+                    weight: weight(index),
+                }));
+                let mut scratch = Vec::from_iter(pairs.iter().map(|_| PrefixSum::default()));
+                sort(&mut pairs, &mut scratch);
+                for (pair, expected) in pairs.iter().zip(&expected) {
+                    assert_eq!(pair.amplitude, *expected);
+                    // Each weight stays with its amplitude.
+                    assert_eq!(values[pair.weight as usize], *expected, "{length} {factor}");
+                }
+                let mut weights = Vec::from_iter(pairs.iter().map(|pair| pair.weight));
+                weights.sort_by(f32::total_cmp);
+                assert_eq!(weights, Vec::from_iter((0..length).map(weight)));
             }
         }
     }

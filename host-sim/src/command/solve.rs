@@ -21,8 +21,11 @@ pub(crate) struct SolveArguments {
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
     /// File with one slot problem per line, each a JSON object with the fields sensor_gain (array),
-    /// user_gain, sensor_power_max, user_power_max, noise_power (W) and mse_threshold [default:
-    /// standard input]. For an invalid line {"error": ..} is printed, and the exit code is 2
+    /// user_gain, sensor_power_max, user_power_max, noise_power (W) and mse_threshold, and, where
+    /// channels are not known exactly, sensor_error_variance (relative to the gain; a number or one
+    /// per sensor), sensor_phase_error_rad (standard deviation, 0 to pi; a number or one per sensor)
+    /// and user_error_variance (relative); absent, they are 0 [default: standard input]. For an
+    /// invalid line {"error": ..} is printed, and the exit code is 2
     file: Option<PathBuf>,
 }
 

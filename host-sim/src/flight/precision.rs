@@ -58,6 +58,9 @@ fn status<T: Scalar>(from: Status<T>) -> Status<f64> {
         Status::Infeasible { least_mse } => Status::Infeasible {
             least_mse: convert(least_mse),
         },
+        Status::ErrorFloor { least_mse } => Status::ErrorFloor {
+            least_mse: convert(least_mse),
+        },
         Status::Converged { limited_by } => Status::Converged { limited_by },
         Status::IterationLimit { limited_by } => Status::IterationLimit { limited_by },
         Status::Guaranteed { limited_by } => Status::Guaranteed { limited_by },

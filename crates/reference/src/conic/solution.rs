@@ -13,8 +13,17 @@ pub enum ConicStatus {
     IterationLimit,
     /// `Gamma` cannot be met.
     Infeasible,
+    /// `Gamma` cannot be met with any power, because the channels are not known well enough.
+    ErrorFloor,
     /// Clarabel gave up; the constraints hold for the best point before that.
     SolverFailed(SolverStatus),
+}
+
+impl ConicStatus {
+    /// Returns whether `Gamma` cannot be met.
+    pub fn is_infeasible(&self) -> bool {
+        matches!(self, Self::Infeasible | Self::ErrorFloor)
+    }
 }
 
 /// A solution whose constraints were verified.
