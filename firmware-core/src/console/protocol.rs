@@ -14,11 +14,11 @@ use crate::{
 };
 
 /// The version of the console's messages. Any change of a message needs a new version.
-pub const CONSOLE_VERSION: u8 = 132;
+pub const CONSOLE_VERSION: u8 = 133;
 
 /// The length of the longest frame: an order with the largest number of users, sensors and streams
 /// of signed frames, and both keys.
-pub const CONSOLE_FRAME_MAX: usize = 1090;
+pub const CONSOLE_FRAME_MAX: usize = 1091;
 
 /// The length of the longest text.
 pub const TEXT_MAX: usize = 120;
@@ -260,6 +260,6 @@ mod tests {
         });
         let mut buffer = [0; 32];
         let frame = encode_call(&tick, &mut buffer).expect("fits");
-        assert_eq!(frame[..8], [0, 11, 132, 1, 172, 2, 1, 2]);
+        assert_eq!(frame[..8], [0, 11, 133, 1, 172, 2, 1, 2]);
     }
 }
