@@ -19,6 +19,8 @@
 //! (`docs/mathematics.md` has the proof); the certified bound relies on that.
 
 pub mod aerial;
+#[cfg(feature = "gain-map")]
+pub mod gain_map;
 
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +33,15 @@ use aerial::AerialModel;
 
 /// Speed of light, m/s.
 pub const SPEED_OF_LIGHT_MPS: f64 = 299_792_458.0;
+
+/// A node on the ground.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroundNode {
+    /// The user with this number.
+    User(usize),
+    /// The sensor with this number.
+    Sensor(usize),
+}
 
 /// The constants of the channel, prepared for fast evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,5 +1,7 @@
 //! The keys of a scenario file, what they mean for the mission, and how they are written.
 
+use std::path::PathBuf;
+
 use firmware_core::{
     Position, SENSORS_MAX, USERS_MAX, Watt,
     mission::{Area, Environment, ExcessLoss, MissionParameters, RadioModel},
@@ -59,6 +61,9 @@ pub(crate) struct RadioTable {
     /// For the paper's model, which needs it.
     #[serde(default, deserialize_with = "optional_table")]
     pub(crate) excess_loss_db: Option<ExcessLoss<f64>>,
+    /// A file with the gains of the mission. Its path is relative to the scenario file.
+    #[serde(default)]
+    pub(crate) gain_map: Option<PathBuf>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -214,7 +219,7 @@ impl RadioTable {
         ))
     }
 
-    /// Returns the lines of the file that choose and describe the model.
+    /// Returns the lines of the file that choose and describe the model of the gains.
     fn model_lines(&self) -> String {
         let model = match self.model {
             RadioModel::ProbabilisticLos => String::new(),
@@ -226,7 +231,11 @@ impl RadioTable {
         let excess_loss = self.excess_loss_db.map(|ExcessLoss { los, nlos }| {
             format!("excess_loss_db = {{ los = {los:?}, nlos = {nlos:?} }}\n")
         });
-        [Some(model), environment, excess_loss]
+        let gain_map = self.gain_map.as_ref().map(|path| {
+            let path = toml::Value::from(path.to_string_lossy().into_owned());
+            format!("gain_map = {path}\n")
+        });
+        [Some(model), environment, excess_loss, gain_map]
             .into_iter()
             .flatten()
             .collect()

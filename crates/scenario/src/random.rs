@@ -99,6 +99,7 @@ fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
                 los: 1.0,
                 nlos: 20.0,
             }),
+            gain_map: None,
         },
         aircomp: AircompTable {
             mse_threshold: rounded(threshold, 1e-6),

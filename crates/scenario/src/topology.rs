@@ -136,6 +136,7 @@ pub fn generate_on(
                 los: 1.0,
                 nlos: 20.0,
             }),
+            gain_map: None,
         },
         aircomp: AircompTable {
             mse_threshold: usual_threshold(sensors),

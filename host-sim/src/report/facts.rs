@@ -183,6 +183,9 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
 /// Returns the rows on the model of the mean channel gain.
 fn radio_model(mission: &HostMission) -> Vec<(&'static str, String)> {
     let p = mission.parameters();
+    if mission.has_gain_map() {
+        return vec![("Gains", "from a map (radio.gain_map)".to_owned())];
+    }
     match p.radio_model {
         RadioModel::ProbabilisticLos => vec![
             (

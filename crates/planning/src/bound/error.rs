@@ -38,6 +38,12 @@ pub enum BoundError {
         /// The largest distance that can be flown, `(N + 1) V_max delta`, metres.
         reach_m: f64,
     },
+    /// The gains of the mission come from a map.
+    #[error(
+        "the bound needs a gain that falls with the horizontal distance, which radio.gain_map does \
+         not promise: missions with a map of gains cannot be certified"
+    )]
+    GainMap,
     /// The gain of the channel rises somewhere with the distance, so the gain at the nearest point
     /// of a cell bounds nothing.
     #[error(

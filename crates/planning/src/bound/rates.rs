@@ -27,6 +27,9 @@ impl GainTable {
     fn new<const M: usize, const J: usize>(
         mission: &Mission<f64, M, J>,
     ) -> Result<Self, BoundError> {
+        if mission.has_gain_map() {
+            return Err(BoundError::GainMap);
+        }
         let p = mission.parameters();
         let diagonal_m = p.area.east_m.hypot(p.area.north_m);
         let step_m = diagonal_m / TABLE_STEPS as f64;
@@ -71,7 +74,7 @@ pub(crate) struct RateBound<'m, const M: usize, const J: usize> {
 
 impl<'m, const M: usize, const J: usize> RateBound<'m, M, J> {
     /// # Errors
-    /// Returns an error if the gain rises somewhere with the distance.
+    /// Returns an error if the gain rises somewhere with the distance, or comes from a map.
     pub(crate) fn new(mission: &'m Mission<f64, M, J>) -> Result<Self, BoundError> {
         Ok(Self {
             mission,
@@ -217,7 +220,10 @@ mod tests {
                 let mut rates = vec![0.0; users];
                 exact.write(&place, &mut rates);
                 for (rate, &bound) in rates.iter().zip(&bounds) {
-                    assert!(*rate <= f64::from(bound), "{model} {altitude_m} {rate} {bound}");
+                    assert!(
+                        *rate <= f64::from(bound),
+                        "{model} {altitude_m} {rate} {bound}"
+                    );
                     any |= *rate > 0.0;
                 }
             }
