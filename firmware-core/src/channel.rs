@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-//! The probabilistic line-of-sight channel from the ground to the vehicle.
+//! The channel from the ground to the vehicle: its mean power gain over the distance.
+//!
+//! The mission's [`RadioModel`] selects the formula. By default it is the paper's probabilistic
+//! line-of-sight channel; [`aerial`] has the others, from 3GPP TR 36.777.
 //!
 //! The paper's eq:gain (path loss `G`, dB), eq:plos (probability of line of sight) and eq:gmn,
 //! read as a **power** gain `|g|^2 = 10^(-G/10)`. With distance `d` and altitude `H`:
@@ -10,8 +13,14 @@
 //! ```
 //!
 //! The logarithm and the power of ten cancel in the first term, so a gain costs one `sqrt`, one
-//! `asin` and two `exp`: `(c / (4 pi f_c d))^2 * exp(-ln10/10 * loss)`. The gain decreases strictly
-//! with horizontal distance; the certified bound relies on that.
+//! `asin` and two `exp`: `(c / (4 pi f_c d))^2 * exp(-ln10/10 * loss)`.
+//!
+//! At a given altitude the gain of every model decreases strictly with horizontal distance
+//! (`docs/mathematics.md` has the proof); the certified bound relies on that.
+
+pub mod aerial;
+#[cfg(feature = "gain-map")]
+pub mod gain_map;
 
 use serde::{Deserialize, Serialize};
 
@@ -20,9 +29,19 @@ use crate::{
     scalar::{Position, Scalar},
     units::PowerGain,
 };
+use aerial::AerialModel;
 
 /// Speed of light, m/s.
 pub const SPEED_OF_LIGHT_MPS: f64 = 299_792_458.0;
+
+/// A node on the ground.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroundNode {
+    /// The user with this number.
+    User(usize),
+    /// The sensor with this number.
+    Sensor(usize),
+}
 
 /// The constants of the channel, prepared for fast evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,6 +51,8 @@ pub struct ChannelModel<T> {
     excess_loss_db: ExcessLoss<T>,
     /// `(c / (4 pi f_c))^2`, square metres.
     free_space_m2: T,
+    /// The model from TR 36.777, if the mission has one of them.
+    aerial: Option<AerialModel<T>>,
 }
 
 impl<T: Scalar> ChannelModel<T> {
@@ -44,6 +65,7 @@ impl<T: Scalar> ChannelModel<T> {
             environment: p.environment,
             excess_loss_db: p.excess_loss_db,
             free_space_m2: wavelength_4pi * wavelength_4pi,
+            aerial: AerialModel::of(p),
         }
     }
 
@@ -52,16 +74,23 @@ impl<T: Scalar> ChannelModel<T> {
         ((vehicle - ground).norm_squared() + self.altitude_m * self.altitude_m).sqrt()
     }
 
-    /// Returns `P_LoS` (eq:plos) at distance `distance_m >= H`.
+    /// Returns `P_LoS` (eq:plos, or table B-1 of TR 36.777) at distance `distance_m >= H`.
     pub fn line_of_sight_probability(&self, distance_m: T) -> T {
+        if let Some(aerial) = &self.aerial {
+            return aerial.line_of_sight_probability(self.horizontal_m(distance_m));
+        }
         let Environment { a, b } = self.environment;
         let elevation_deg = (self.altitude_m / distance_m).min(T::one()).asin()
             * T::of(180.0 / core::f64::consts::PI);
         T::one() / (T::one() + a * (-b * (elevation_deg - a)).exp())
     }
 
-    /// Returns `G` (eq:gain), decibels, at distance `distance_m >= H`.
+    /// Returns `G` (eq:gain, or the mean of table B-2 of TR 36.777), decibels, at distance
+    /// `distance_m >= H`.
     pub fn path_loss_db(&self, distance_m: T) -> T {
+        if let Some(aerial) = &self.aerial {
+            return aerial.path_loss_db(self.horizontal_m(distance_m), distance_m);
+        }
         let decade = T::of(10.0);
         decade * (distance_m * distance_m / self.free_space_m2).log10()
             + self.excess_loss_db(distance_m)
@@ -81,8 +110,18 @@ impl<T: Scalar> ChannelModel<T> {
 
     /// Returns `|g|^2` at distance `distance_m >= H`.
     pub fn power_gain_at(&self, distance_m: T) -> PowerGain<T> {
-        let nepers = self.excess_loss_db(distance_m) * T::of(-core::f64::consts::LN_10 / 10.0);
+        let nepers_per_db = T::of(-core::f64::consts::LN_10 / 10.0);
+        if self.aerial.is_some() {
+            return PowerGain((self.path_loss_db(distance_m) * nepers_per_db).exp());
+        }
+        let nepers = self.excess_loss_db(distance_m) * nepers_per_db;
         PowerGain(self.free_space_m2 / (distance_m * distance_m) * nepers.exp())
+    }
+
+    /// Returns the horizontal part of a distance.
+    fn horizontal_m(&self, distance_m: T) -> T {
+        let square = distance_m * distance_m - self.altitude_m * self.altitude_m;
+        square.max(T::zero()).sqrt()
     }
 
     /// Returns `P_LoS mu_LoS + P_NLoS mu_NLoS`, decibels.

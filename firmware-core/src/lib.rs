@@ -29,7 +29,7 @@
 //! | module | feature | contents |
 //! |---|---|---|
 //! | [`mission`] | | the validated parameters of a mission (Table I) |
-//! | [`channel`] | | the probabilistic line-of-sight gain (eq:gain to eq:gmn) |
+//! | [`channel`] | | the mean gain: the probabilistic line of sight (eq:gain to eq:gmn), and 3GPP's models |
 //! | [`aircomp`] | | MSE, rate and normalizing factor as printed: the reference implementation |
 //! | [`uncertainty`] | | statistics of channel errors |
 //! | [`inner`] | | the slot problem (eq:p1): the exact optimum, and the paper's own algorithm |

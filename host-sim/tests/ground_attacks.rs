@@ -15,7 +15,7 @@ use firmware_core::{
     },
     controller::{ChannelState, Controller, DatedChange},
     link::{self, Credentials, Endpoint, FRAME_MAX, GroundKey, NumberedChange},
-    mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters},
+    mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters, RadioModel},
     onboard::{Onboard, OnboardSettings, Stage},
     policy::StraightLine,
     time::{Duration, Instant},
@@ -48,6 +48,7 @@ fn mission() -> Mission {
         altitude_m: 30.0,
         max_speed_mps: 5.0,
         carrier_hz: 2e9,
+        radio_model: RadioModel::ProbabilisticLos,
         environment: Environment { a: 9.613, b: 0.158 },
         excess_loss_db: ExcessLoss {
             los: 1.0,

@@ -73,7 +73,9 @@ impl Run {
         let progress = checkpoint::read_progress(&directory.join(CHECKPOINT))?;
         let path = directory.join(SCENARIO);
         let scenario = match fs::read_to_string(&path) {
-            Ok(text) => Scenario::parse(&progress.scenario, &text).map_err(Error::msg),
+            Ok(text) => {
+                Scenario::parse_in(&progress.scenario, &text, directory).map_err(Error::msg)
+            }
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 let shipped = Scenario::shipped(&progress.scenario);
                 shipped.context("file not found, and no scenario of this name is shipped")

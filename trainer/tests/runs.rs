@@ -345,3 +345,51 @@ fn a_bad_range_of_seeds_is_refused() {
         assert!(!directory.exists());
     }
 }
+
+/// A run on a mission with a model of TR 36.777, and one with a map of gains, is trained, resumed and
+/// knows its scenario, wherever it was started from; prices that need the bound are refused with a
+/// map.
+#[test]
+fn runs_with_other_gains_are_resumed() {
+    let home = tempfile::tempdir().expect("temporary");
+    let paper =
+        "environment = { a = 9.613, b = 0.158 }\nexcess_loss_db = { los = 1.0, nlos = 20.0 }\n";
+    let shipped = scenario::generate(scenario::Topology::Mixed, 1, 2, 3).expect("valid");
+    let mut csv = "node,index,east_m,north_m,power_gain\n".to_owned();
+    for node in ["user,0", "user,1", "sensor,0", "sensor,1", "sensor,2"] {
+        for place in ["0,0", "1000,0", "0,1000", "1000,1000"] {
+            csv += &format!("{node},{place},{:e}\n", 1e-10 * place.len() as f64);
+        }
+    }
+    fs::write(home.path().join("gains.csv"), csv).expect("writable");
+    for (name, radio) in [
+        ("model", "model = \"umi-av\"\n".to_owned()),
+        ("map", format!("{paper}gain_map = \"gains.csv\"\n")),
+    ] {
+        let file = home.path().join(format!("{name}-scenario.toml"));
+        fs::write(&file, shipped.to_toml().replace(paper, &radio)).expect("writable");
+        let file = file.to_str().expect("printable");
+        let (whole, parts) = (
+            home.path().join(format!("{name}-whole")),
+            home.path().join(format!("{name}-parts")),
+        );
+        succeed(train(&whole, &["--scenario", file, "--episodes", "12"]));
+        succeed(train(&parts, &["--scenario", file, "--episodes", "8"]));
+        succeed(train(&parts, &["--resume", "--episodes", "12"]));
+        assert!(results(&parts)[..2] == results(&whole)[..2], "{name}");
+        let tuned = home.path().join(format!("{name}-tuned"));
+        let arguments = ["--scenario", file, "--episodes", "4", "--preset", "tuned"];
+        let output = train(&tuned, &arguments).output().expect("runs");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        let map = name == "map";
+        assert_eq!(
+            output.status.code(),
+            Some(if map { 2 } else { 0 }),
+            "{errors}"
+        );
+        assert_eq!(
+            map,
+            errors.contains("fairness_prices = true needs the bound's prices")
+        );
+    }
+}

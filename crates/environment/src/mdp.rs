@@ -21,6 +21,7 @@ use std::sync::Arc;
 
 use firmware_core::{
     Displacement, Mission, Position, SENSORS_MAX, Scalar, USERS_MAX,
+    channel::GroundNode,
     inner::{Method, SlotAllocation, SlotLimits, Status, Workspace},
     policy::{Observation, state_len},
     shield::{self, Agility, Fairness, Intervention, ReachableSet},
@@ -336,14 +337,13 @@ impl<T: Scalar> Environment<T> {
     /// MSE threshold `Gamma` is met.
     fn solve_slot(&mut self, user: usize) -> bool {
         let p = self.mission.parameters();
-        let channel = self.mission.channel();
         let mut amplitude_gains = [T::zero(); SENSORS_MAX];
         let amplitude_gains = &mut amplitude_gains[..p.sensors.len()];
-        for (amplitude, sensor) in amplitude_gains.iter_mut().zip(&p.sensors) {
-            let gain = channel.power_gain(&self.state.position, sensor);
-            *amplitude = gain.amplitude();
+        let gain = |node| self.mission.power_gain(node, &self.state.position);
+        for (sensor, amplitude) in amplitude_gains.iter_mut().enumerate() {
+            *amplitude = gain(GroundNode::Sensor(sensor)).amplitude();
         }
-        let user_gain = channel.power_gain(&self.state.position, &p.users[user]);
+        let user_gain = gain(GroundNode::User(user));
         let mut coefficients = [T::zero(); SENSORS_MAX];
         let allocation = self
             .workspace

@@ -93,7 +93,7 @@ impl Scenario {
         replace(&mut file.aircomp.mse_threshold, changes.mse_threshold);
         replace(&mut file.radio.noise_dbm, changes.noise_dbm);
         file.mission.slots = changes.slots.unwrap_or(file.mission.slots);
-        let mut scenario = Self::from_file(&self.name, file)?;
+        let mut scenario = self.with_file(file)?;
         scenario.sensing = self.sensing.clone();
         scenario.sensing.check_measurements(&scenario.mission)?;
         Ok(scenario)

@@ -119,6 +119,13 @@ pub(crate) fn table<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     value.deserialize_map(Named(std::marker::PhantomData))
 }
 
+/// As [`table`], for a key that need not be given.
+pub(crate) fn optional_table<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    value: D,
+) -> Result<Option<T>, D::Error> {
+    table(value).map(Some)
+}
+
 /// Formats a TOML error as one line: what is wrong, and on which line of the file.
 fn one_line(text: &str, error: &toml::de::Error) -> String {
     let message = error.message().replace('\n', "; ");

@@ -14,6 +14,7 @@
 mod choice;
 mod events;
 mod file;
+mod gain_map;
 mod mission_file;
 mod random;
 mod random_events;

@@ -1,14 +1,16 @@
 //! The keys of a scenario file, what they mean for the mission, and how they are written.
 
+use std::path::PathBuf;
+
 use firmware_core::{
     Position, SENSORS_MAX, USERS_MAX, Watt,
-    mission::{Area, Environment, ExcessLoss, MissionParameters},
+    mission::{Area, Environment, ExcessLoss, MissionParameters, RadioModel},
 };
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Sensing,
-    file::{pair, pairs, table},
+    file::{optional_table, pair, pairs, table},
 };
 
 /// The content of a scenario file, key by key.
@@ -51,10 +53,17 @@ pub(crate) struct MissionTable {
 pub(crate) struct RadioTable {
     pub(crate) carrier_hz: f64,
     pub(crate) noise_dbm: f64,
-    #[serde(deserialize_with = "table")]
-    pub(crate) environment: Environment<f64>,
-    #[serde(deserialize_with = "table")]
-    pub(crate) excess_loss_db: ExcessLoss<f64>,
+    #[serde(default)]
+    pub(crate) model: RadioModel,
+    /// For the paper's model, which needs it.
+    #[serde(default, deserialize_with = "optional_table")]
+    pub(crate) environment: Option<Environment<f64>>,
+    /// For the paper's model, which needs it.
+    #[serde(default, deserialize_with = "optional_table")]
+    pub(crate) excess_loss_db: Option<ExcessLoss<f64>>,
+    /// A file with the gains of the mission. Its path is relative to the scenario file.
+    #[serde(default)]
+    pub(crate) gain_map: Option<PathBuf>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,6 +118,7 @@ impl ScenarioFile {
     ) -> Result<MissionParameters<f64, USERS_MAX, SENSORS_MAX>, String> {
         let ScenarioFile { mission, radio, .. } = self;
         let place = |&[east, north]: &[f64; 2]| Position::new(east, north);
+        let (environment, excess_loss_db) = radio.line_of_sight()?;
         Ok(MissionParameters {
             slots: mission.slots,
             slot_duration_s: mission.slot_duration_s,
@@ -121,8 +131,9 @@ impl ScenarioFile {
             altitude_m: mission.altitude_m,
             max_speed_mps: mission.max_speed_mps,
             carrier_hz: radio.carrier_hz,
-            environment: radio.environment,
-            excess_loss_db: radio.excess_loss_db,
+            radio_model: radio.model,
+            environment,
+            excess_loss_db,
             noise_power: noise_power(radio.noise_dbm)?,
             mse_threshold: self.aircomp.mse_threshold,
             user_power_max: Watt(self.users.power_max_w),
@@ -152,8 +163,7 @@ impl ScenarioFile {
         format!(
             "[mission]\nslots = {}\nslot_duration_s = {:?}\nstart_m = {:?}\ndestination_m = {:?}\n\
              area_m = {:?}\naltitude_m = {:?}\nmax_speed_mps = {:?}\n\n\
-             [radio]\ncarrier_hz = {:?}\nnoise_dbm = {:?}\nenvironment = {{ a = {:?}, b = {:?} }}\n\
-             excess_loss_db = {{ los = {:?}, nlos = {:?} }}\n\n\
+             [radio]\ncarrier_hz = {:?}\nnoise_dbm = {:?}\n{}\n\
              [aircomp]\nmse_threshold = {:?}\nsensor_power_max_w = {:?}\n\n\
              [users]\npower_max_w = {:?}\npositions_m = [\n{}]\n\n\
              [sensors]\npositions_m = [\n{}]\n\n\
@@ -168,10 +178,7 @@ impl ScenarioFile {
             mission.max_speed_mps,
             radio.carrier_hz,
             radio.noise_dbm,
-            radio.environment.a,
-            radio.environment.b,
-            radio.excess_loss_db.los,
-            radio.excess_loss_db.nlos,
+            radio.model_lines(),
             aircomp.mse_threshold,
             aircomp.sensor_power_max_w,
             users.power_max_w,
@@ -182,6 +189,56 @@ impl ScenarioFile {
             origin.elevation_m,
             sensing.to_toml(),
         )
+    }
+}
+
+impl RadioTable {
+    /// Returns the constants of the paper's model, which are those of Table I, and not used, where
+    /// another model is chosen.
+    fn line_of_sight(&self) -> Result<(Environment<f64>, ExcessLoss<f64>), String> {
+        let model = self.model;
+        let keys = [
+            ("environment", self.environment.is_some()),
+            ("excess_loss_db", self.excess_loss_db.is_some()),
+        ];
+        let needed = model == RadioModel::ProbabilisticLos;
+        if let Some((key, given)) = keys.into_iter().find(|(_, given)| *given != needed) {
+            return Err(match given {
+                true => format!(
+                    "radio.{key} is given, but must not be: radio.model \"{model}\" does not use it"
+                ),
+                false => {
+                    format!("radio.{key} is missing, but radio.model \"{model}\" needs it")
+                }
+            });
+        }
+        let usual = MissionParameters::<f64, USERS_MAX, SENSORS_MAX>::table_one();
+        Ok((
+            self.environment.unwrap_or(usual.environment),
+            self.excess_loss_db.unwrap_or(usual.excess_loss_db),
+        ))
+    }
+
+    /// Returns the lines of the file that choose and describe the model of the gains.
+    fn model_lines(&self) -> String {
+        let model = match self.model {
+            RadioModel::ProbabilisticLos => String::new(),
+            model => format!("model = \"{model}\"\n"),
+        };
+        let environment = self
+            .environment
+            .map(|Environment { a, b }| format!("environment = {{ a = {a:?}, b = {b:?} }}\n"));
+        let excess_loss = self.excess_loss_db.map(|ExcessLoss { los, nlos }| {
+            format!("excess_loss_db = {{ los = {los:?}, nlos = {nlos:?} }}\n")
+        });
+        let gain_map = self.gain_map.as_ref().map(|path| {
+            let path = toml::Value::from(path.to_string_lossy().into_owned());
+            format!("gain_map = {path}\n")
+        });
+        [Some(model), environment, excess_loss, gain_map]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 }
 

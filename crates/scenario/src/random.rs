@@ -5,7 +5,7 @@
 //! assumption.
 
 use clap::ValueEnum;
-use firmware_core::mission::{Environment, ExcessLoss};
+use firmware_core::mission::{Environment, ExcessLoss, RadioModel};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -93,11 +93,13 @@ fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
         radio: RadioTable {
             carrier_hz: 2e9,
             noise_dbm: rounded(random.random_range(-100.0..-85.0), 0.1),
-            environment: Environment { a: 9.613, b: 0.158 },
-            excess_loss_db: ExcessLoss {
+            model: RadioModel::ProbabilisticLos,
+            environment: Some(Environment { a: 9.613, b: 0.158 }),
+            excess_loss_db: Some(ExcessLoss {
                 los: 1.0,
                 nlos: 20.0,
-            },
+            }),
+            gain_map: None,
         },
         aircomp: AircompTable {
             mse_threshold: rounded(threshold, 1e-6),

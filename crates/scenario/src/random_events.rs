@@ -83,6 +83,8 @@ impl EventKind {
             )
         };
         let changes: Vec<MissionChange<f64>> = match self {
+            // A map of gains has those of the nodes' places only.
+            Self::UsersMove | Self::UserJoins if mission.has_gain_map() => Vec::new(),
             Self::UsersMove => {
                 let moving = some(users / 3, users);
                 let moved = moving.into_iter().map(|user| {

@@ -3,6 +3,7 @@
 
 use firmware_core::{
     Mission, Position, PowerGain,
+    channel::GroundNode,
     inner::{SensorField, SlotLimits, Workspace},
 };
 
@@ -33,21 +34,20 @@ impl<'m, const M: usize, const J: usize> PlaceRates<'m, M, J> {
     /// Writes the rate of every user with the vehicle over `place`. Worst case: one sort of the
     /// sensors, then `O(log J)` per user.
     pub fn write(&mut self, place: &Position<f64>, rates: &mut [f64]) {
-        let p = self.mission.parameters();
-        let channel = self.mission.channel();
         let mut gains = [PowerGain(0.0); J];
         let mut count = 0;
-        for ((_, sensor), gain) in self.mission.sensors().zip(&mut gains) {
-            *gain = channel.power_gain(place, sensor);
+        for ((sensor, _), gain) in self.mission.sensors().zip(&mut gains) {
+            *gain = self.mission.power_gain(GroundNode::Sensor(sensor), place);
             count += 1;
         }
         let sensors = &gains[..count];
         let mission = self.mission;
         with_field(&mut self.workspace, &self.limits, sensors, |field| {
-            for (user, (rate, place_of_user)) in rates.iter_mut().zip(&p.users).enumerate() {
+            let users = rates.iter_mut().take(mission.user_count());
+            for (user, rate) in users.enumerate() {
                 *rate = match field {
                     _ if !mission.has_user(user) => ABSENT_RATE,
-                    Some(field) => field.rate(channel.power_gain(place, place_of_user)),
+                    Some(field) => field.rate(mission.power_gain(GroundNode::User(user), place)),
                     None => 0.0,
                 };
             }

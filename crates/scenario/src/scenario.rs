@@ -8,6 +8,7 @@ use sha2::{Digest, Sha256};
 use crate::{
     HostMission, Sensing,
     file::{self, ScenarioError},
+    gain_map::{self, LoadedMap},
     mission_file::{Origin, ScenarioFile},
 };
 
@@ -24,6 +25,8 @@ pub struct Scenario {
     pub sensing: Sensing,
     /// The content of the file. It is kept so that radio noise in dBm survives a round trip.
     pub(crate) file: ScenarioFile,
+    /// The gains of the mission, if the file names a map.
+    gain_map: Option<LoadedMap>,
 }
 
 impl Scenario {
@@ -62,13 +65,35 @@ impl Scenario {
             || "scenario".into(),
             |stem| stem.to_string_lossy().into_owned(),
         );
-        let mut scenario = Self::parse(&name, &text).map_err(fail)?;
         let folder = path.parent().unwrap_or(Path::new("."));
+        let mut scenario = Self::parse_in(&name, &text, folder).map_err(fail)?;
         scenario
             .sensing
             .load_measurements(folder, &scenario.mission)
             .map_err(fail)?;
         Ok(scenario)
+    }
+
+    /// As [`parse`](Self::parse), for a text that may name a map of gains, which is read. Its path
+    /// is relative to `folder`.
+    ///
+    /// # Errors
+    /// Returns one line that states what is wrong.
+    pub fn parse_in(name: &str, text: &str, folder: &Path) -> Result<Self, String> {
+        let mut file: ScenarioFile = file::parse(text)?;
+        let map = file.radio.gain_map.take();
+        let mut scenario = Self::from_file(name, file)?;
+        if let Some(map) = map {
+            scenario.set_gain_map(gain_map::load(&folder.join(map), &scenario.mission)?);
+        }
+        Ok(scenario)
+    }
+
+    /// Takes the gains of the mission from a map.
+    fn set_gain_map(&mut self, loaded: LoadedMap) {
+        self.mission = self.mission.clone().with_gain_map(loaded.map);
+        self.file.radio.gain_map = Some(loaded.path.clone());
+        self.gain_map = Some(loaded);
     }
 
     /// Returns the built-in scenario of this name: `separated` (the default) or `mixed`.
@@ -82,16 +107,33 @@ impl Scenario {
         Self::parse(name, text).ok()
     }
 
-    /// Parses and checks the text of a scenario. A measurement file that it names is not opened.
+    /// Parses and checks the text of a scenario. A measurement file that it names is not opened, and
+    /// a map of gains is refused, because without it the mission would be another one.
     ///
     /// # Errors
     /// Returns one line that states what is wrong.
     pub fn parse(name: &str, text: &str) -> Result<Self, String> {
-        let file = file::parse(text)?;
+        let file: ScenarioFile = file::parse(text)?;
+        if let Some(map) = &file.radio.gain_map {
+            return Err(format!(
+                "radio.gain_map is {}, but there is no file to find it from",
+                map.display()
+            ));
+        }
         Self::from_file(name, file)
     }
 
+    /// Returns the scenario with another content of its file, and with its map of gains.
+    pub(crate) fn with_file(&self, file: ScenarioFile) -> Result<Self, String> {
+        let mut scenario = Self::from_file(&self.name, file)?;
+        if let Some(loaded) = &self.gain_map {
+            scenario.set_gain_map(loaded.clone());
+        }
+        Ok(scenario)
+    }
+
     /// Checks the content of a file.
+    /// The map of gains that it may name is not read.
     pub(crate) fn from_file(name: &str, file: ScenarioFile) -> Result<Self, String> {
         let mission = Mission::new(file.parameters()?).map_err(|error| error.to_string())?;
         file.origin.check()?;
@@ -105,6 +147,7 @@ impl Scenario {
             origin: file.origin,
             sensing: file.sensing.clone(),
             file,
+            gain_map: None,
         })
     }
 
@@ -114,14 +157,18 @@ impl Scenario {
     }
 
     /// Returns the SHA-256 (hexadecimal) of the mission. It identifies the mission that a policy
-    /// was trained for and does not depend on the file's layout, comments, origin and measurements.
+    /// was trained for and does not depend on the file's layout, comments, origin and measurements,
+    /// nor on the place of a map of gains, but on its content.
     pub fn digest(&self) -> String {
         let mut file = self.file.clone();
         file.origin = Origin::default();
         file.sensing = Sensing::default();
-        Sha256::digest(file.to_toml())
-            .iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect()
+        file.radio.gain_map = self.gain_map.as_ref().map(|map| map.digest.clone().into());
+        hexadecimal(&Sha256::digest(file.to_toml()))
     }
+}
+
+/// Formats bytes as hexadecimal digits.
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
-    mission::{Environment, ExcessLoss},
+    mission::{Environment, ExcessLoss, RadioModel},
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -130,11 +130,13 @@ pub fn generate_on(
         radio: RadioTable {
             carrier_hz: 2e9,
             noise_dbm: -95.0,
-            environment: Environment { a: 9.613, b: 0.158 },
-            excess_loss_db: ExcessLoss {
+            model: RadioModel::ProbabilisticLos,
+            environment: Some(Environment { a: 9.613, b: 0.158 }),
+            excess_loss_db: Some(ExcessLoss {
                 los: 1.0,
                 nlos: 20.0,
-            },
+            }),
+            gain_map: None,
         },
         aircomp: AircompTable {
             mse_threshold: usual_threshold(sensors),

@@ -138,6 +138,7 @@ pub fn in_single_precision<T: Scalar, const M: usize, const J: usize>(
         altitude_m: number(p.altitude_m),
         max_speed_mps: number(p.max_speed_mps),
         carrier_hz: number(p.carrier_hz),
+        radio_model: p.radio_model,
         environment: Environment {
             a: number(p.environment.a),
             b: number(p.environment.b),

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// The version of the console's messages. Any change of a message needs a new version.
-pub const CONSOLE_VERSION: u8 = 132;
+pub const CONSOLE_VERSION: u8 = 133;
 
 /// The length of the longest frame: an order with the largest number of users, sensors and streams
 /// of signed frames, and both keys.
@@ -60,7 +60,7 @@ const SIGNING_STATE: usize = {
 
 /// Returns the most bytes of a [`MissionOrder`] with up to so many users and sensors.
 const fn order_max(users: usize, sensors: usize) -> usize {
-    let mission = U32 + 18 * REAL + LENGTH + users * 2 * REAL + LENGTH + sensors * 2 * REAL;
+    let mission = U32 + 18 * REAL + U8 + LENGTH + users * 2 * REAL + LENGTH + sensors * 2 * REAL;
     let map_origin = 2 * U32;
     let limits = 3 * REAL;
     let geofence = U8 + 5 * REAL;
@@ -342,6 +342,6 @@ mod tests {
         });
         let mut buffer = [0; 32];
         let frame = encode_call(&tick, &mut buffer).expect("fits");
-        assert_eq!(frame[..8], [0, 11, 132, 1, 172, 2, 1, 2]);
+        assert_eq!(frame[..8], [0, 11, 133, 1, 172, 2, 1, 2]);
     }
 }

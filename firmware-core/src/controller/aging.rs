@@ -11,11 +11,13 @@
 //!
 //! This assumes that links change no faster than flying changes the model, and that the factor is a
 //! property of the link. A mission without any state yet begins with factors of 1, aged from slot
-//! 0. A link that was not heard in the last state is assumed not to be heard now.
+//! 0. A link that was not heard in the last state is assumed not to be heard now. Where the gains come
+//! from a map, the gains of the model are replaced by the least and the largest one of the map nearby.
 
 use heapless::Vec;
 
 use crate::{
+    channel::GroundNode,
     collect::collect_first,
     inner::bounded::GainBounds,
     mission::{Mission, MissionChange},
@@ -94,7 +96,7 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
         let strayed_m = T::count(age_slots as usize) * mission.reach_m();
         let p = mission.parameters();
         let channel = mission.channel();
-        let bounds = |ground: &Position<T>, last: Option<&PowerGain<T>>| {
+        let bounds = |node: GroundNode, ground: &Position<T>, last: Option<&PowerGain<T>>| {
             let away_m = (here - ground).norm();
             let far = Position::new(
                 ground.x.max(p.area.east_m - ground.x),
@@ -103,14 +105,20 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
             let farthest_m = far.coords.norm().max(away_m);
             let factor = match (last, &self.place) {
                 (Some(gain), Some(place)) if gain.0.finite() => {
-                    gain.0 / channel.power_gain(place, ground).0
+                    gain.0 / mission.power_gain(node, place).0
                 }
                 _ => T::one(),
             };
             let gain = |horizontal_m: T| factor * channel.power_gain_across(horizontal_m).0;
-            let bounds = GainBounds {
-                least: PowerGain(gain((away_m + strayed_m).min(farthest_m))),
-                most: PowerGain(gain((away_m - strayed_m).max(T::zero()))),
+            let bounds = match mission.map_bounds(node, here, strayed_m) {
+                Some((least, most)) => GainBounds {
+                    least: PowerGain(factor * least.0),
+                    most: PowerGain(factor * most.0),
+                },
+                None => GainBounds {
+                    least: PowerGain(gain((away_m + strayed_m).min(farthest_m))),
+                    most: PowerGain(gain((away_m - strayed_m).max(T::zero()))),
+                },
             };
             if bounds.least.is_valid() && bounds.most.is_valid() {
                 bounds
@@ -123,8 +131,13 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
         let sensors = p.sensors.iter().enumerate();
         AgedState {
             age_slots,
-            users: collect_first(users.map(|(m, ground)| bounds(ground, self.users.get(m)))),
-            sensors: collect_first(sensors.map(|(j, ground)| bounds(ground, self.sensors.get(j)))),
+            users: collect_first(
+                users.map(|(m, ground)| bounds(GroundNode::User(m), ground, self.users.get(m))),
+            ),
+            sensors: collect_first(
+                sensors
+                    .map(|(j, ground)| bounds(GroundNode::Sensor(j), ground, self.sensors.get(j))),
+            ),
         }
     }
 }

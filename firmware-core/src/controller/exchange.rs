@@ -5,6 +5,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    channel::GroundNode,
     collect::collect_first,
     inner::Status,
     mission::Mission,
@@ -40,15 +41,15 @@ pub struct ChannelState<T: Scalar, const M: usize, const J: usize> {
 }
 
 impl<T: Scalar, const M: usize, const J: usize> ChannelState<T, M, J> {
-    /// Returns the channels that the channel model predicts for a vehicle over `vehicle`.
+    /// Returns the mean gains that are known of the mission for a vehicle over `vehicle`.
     pub fn predicted(mission: &Mission<T, M, J>, slot: u32, vehicle: &Position<T>) -> Self {
-        let channel = mission.channel();
-        let p = mission.parameters();
-        let gain = |ground: &Position<T>| channel.power_gain(vehicle, ground);
+        let gain = |node| mission.power_gain(node, vehicle);
+        let users = (0..mission.user_count()).map(GroundNode::User);
+        let sensors = (0..mission.sensor_count()).map(GroundNode::Sensor);
         Self {
             slot,
-            user_gains: collect_first(p.users.iter().map(gain)),
-            sensor_gains: collect_first(p.sensors.iter().map(gain)),
+            user_gains: collect_first(users.map(gain)),
+            sensor_gains: collect_first(sensors.map(gain)),
         }
     }
 }

@@ -113,6 +113,13 @@ pub enum ChangeError<T: fmt::Display> {
         /// The number in the change.
         number: u16,
     },
+    /// The gains of the mission come from a map, which is for the places of its nodes.
+    OffTheMap {
+        /// `user` or `sensor`.
+        what: &'static str,
+        /// The number in the change.
+        number: u16,
+    },
     /// More slots are done or under way than the mission would have.
     SlotsBegun {
         /// `N` in the change.
@@ -141,6 +148,11 @@ impl<T: fmt::Display> fmt::Display for ChangeError<T> {
             Self::LastOne { what, number } => {
                 write!(f, "{what} {number} is the last one, and cannot leave")
             }
+            Self::OffTheMap { what, number } => write!(
+                f,
+                "{what} {number} moves or joins, but radio.gain_map has gains for the places in the \
+                 scenario only"
+            ),
             Self::SlotsBegun { slots, begun } => {
                 write!(f, "mission.slots is {slots}, but {begun} slots have begun")
             }
@@ -174,6 +186,7 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         change: &MissionChange<T>,
         slots_begun: u32,
     ) -> Result<(), ChangeError<T>> {
+        self.check_map(change)?;
         let mut changed = self.clone();
         let p = &mut changed.parameters;
         match *change {
@@ -209,6 +222,26 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         changed.check()?;
         *self = changed;
         Ok(())
+    }
+}
+
+impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
+    /// Checks that a map of gains, if there is one, has those of a node's new place.
+    fn check_map(&self, change: &MissionChange<T>) -> Result<(), ChangeError<T>> {
+        let p = &self.parameters;
+        let (what, number, places, place) = match change {
+            MissionChange::User { user, position_m } => {
+                ("user", *user, p.users.as_slice(), position_m)
+            }
+            MissionChange::Sensor { sensor, position_m } => {
+                ("sensor", *sensor, p.sensors.as_slice(), position_m)
+            }
+            _ => return Ok(()),
+        };
+        if !self.has_gain_map() || places.get(usize::from(number)) == Some(place) {
+            return Ok(());
+        }
+        Err(ChangeError::OffTheMap { what, number })
     }
 }
 

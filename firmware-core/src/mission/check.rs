@@ -60,6 +60,7 @@ impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
             self.noise_power.0 > T::zero(),
             "a finite power above 0 W",
         )?;
+        self.check_radio_model()?;
         positive(Parameter::EnvironmentA, self.environment.a)?;
         positive(Parameter::EnvironmentB, self.environment.b)?;
         let loss = |parameter, value: T| {
@@ -86,6 +87,41 @@ impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
         )?;
         positive(Parameter::SensorPowerMax, self.sensor_power_max.0)?;
         positive(Parameter::UserPowerMax, self.user_power_max.0)
+    }
+
+    /// Checks that the mission is within what its radio model is for.
+    fn check_radio_model(&self) -> Result<(), MissionError<T>> {
+        let model = self.radio_model;
+        let Some(range) = model.valid_range() else {
+            return Ok(());
+        };
+        let (above_m, up_to_m) = (T::of(range.above_m), T::of(range.up_to_m));
+        let altitude_m = self.altitude_m;
+        if altitude_m <= above_m || altitude_m > up_to_m {
+            return Err(MissionError::AltitudeOutsideRadioModel {
+                model,
+                altitude_m,
+                above_m,
+                up_to_m,
+            });
+        }
+        in_range(
+            Parameter::Carrier,
+            self.carrier_hz,
+            self.carrier_hz >= T::of(0.5e9) && self.carrier_hz <= T::of(100e9),
+            "from 0.5e9 to 100e9 Hz for the radio models of 3GPP TR 36.777, Annex B",
+        )?;
+        let (east_m, north_m) = (self.area.east_m, self.area.north_m);
+        let diagonal_m = (east_m * east_m + north_m * north_m).sqrt();
+        let limit_m = T::of(range.distance_m);
+        if diagonal_m > limit_m {
+            return Err(MissionError::AreaBeyondRadioModel {
+                model,
+                diagonal_m,
+                limit_m,
+            });
+        }
+        Ok(())
     }
 
     /// Checks every position.

@@ -5,6 +5,8 @@ use core::{error::Error, fmt};
 
 use serde::{Deserialize, Serialize};
 
+use super::parameters::RadioModel;
+
 /// The parameter that an error concerns. [`fmt::Display`] prints its name in the scenario file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -114,6 +116,26 @@ pub enum MissionError<T: fmt::Display> {
         /// `J`.
         sensors: usize,
     },
+    /// The altitude is not one that the radio model is for.
+    AltitudeOutsideRadioModel {
+        /// The radio model.
+        model: RadioModel,
+        /// `H`, metres.
+        altitude_m: T,
+        /// `H` must be greater than this, metres.
+        above_m: T,
+        /// `H` must be at most this, metres.
+        up_to_m: T,
+    },
+    /// The area is larger than the distances that the radio model is for.
+    AreaBeyondRadioModel {
+        /// The radio model.
+        model: RadioModel,
+        /// The diagonal of the area, metres.
+        diagonal_m: T,
+        /// The longest horizontal distance of the model, metres.
+        limit_m: T,
+    },
     /// The destination is further away than `(N + 1) V_max delta`.
     DestinationOutOfReach {
         /// From start to destination, metres.
@@ -157,6 +179,25 @@ impl<T: fmt::Display> fmt::Display for MissionError<T> {
                 "aircomp.mse_threshold is {value}, but must be below 1/J = {limit} \
                  (J = {sensors} sensors): at or above it an all-zero estimate is accurate enough \
                  and no sensor would transmit"
+            ),
+            Self::AltitudeOutsideRadioModel {
+                model,
+                altitude_m,
+                above_m,
+                up_to_m,
+            } => write!(
+                f,
+                "mission.altitude_m is {altitude_m}, but must be above {above_m} and at most \
+                 {up_to_m} m for radio.model \"{model}\" (3GPP TR 36.777, Annex B)"
+            ),
+            Self::AreaBeyondRadioModel {
+                model,
+                diagonal_m,
+                limit_m,
+            } => write!(
+                f,
+                "mission.area_m has a diagonal of {diagonal_m} m, but it must be at most {limit_m} m \
+                 for radio.model \"{model}\" (3GPP TR 36.777, Annex B)"
             ),
             Self::DestinationOutOfReach {
                 distance_m,

@@ -23,6 +23,6 @@ mod validated;
 pub use change::{ChangeError, MissionChange};
 pub use check::SLOTS_MAX;
 pub use error::{MissionError, Parameter};
-pub use parameters::{Area, Environment, ExcessLoss, MissionParameters};
+pub use parameters::{Area, Environment, ExcessLoss, MissionParameters, RadioModel};
 pub use tolerance::{MEASUREMENT_M, rounding_m};
 pub use validated::Mission;

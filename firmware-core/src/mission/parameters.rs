@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! The unchecked parameters of a mission.
 
+use core::fmt;
+
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
@@ -49,9 +51,11 @@ pub struct MissionParameters<T: Scalar, const M: usize, const J: usize> {
     pub max_speed_mps: T,
     /// `f_c`, hertz.
     pub carrier_hz: T,
-    /// The environment's `A` and `B` of eq:plos.
+    /// The model of the mean channel gain.
+    pub radio_model: RadioModel,
+    /// The environment's `A` and `B` of eq:plos, which [`RadioModel::ProbabilisticLos`] uses.
     pub environment: Environment<T>,
-    /// The excess losses of eq:gain.
+    /// The excess losses of eq:gain, which [`RadioModel::ProbabilisticLos`] uses.
     pub excess_loss_db: ExcessLoss<T>,
     /// `sigma^2`, watts.
     pub noise_power: Watt<T>,
@@ -95,6 +99,7 @@ impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
             altitude_m: T::of(100.0),
             max_speed_mps: T::of(30.0),
             carrier_hz: T::of(2e9),
+            radio_model: RadioModel::ProbabilisticLos,
             environment: Environment {
                 a: T::of(9.613),
                 b: T::of(0.158),
@@ -110,6 +115,33 @@ impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
             users: Vec::new(),
             sensors: Vec::new(),
         }
+    }
+}
+
+/// The model of the mean channel gain. [`fmt::Display`] prints its name in the scenario file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "kebab-case")]
+pub enum RadioModel {
+    /// The paper's probabilistic line of sight (eq:gain to eq:gmn).
+    #[default]
+    ProbabilisticLos,
+    /// Urban macro of 3GPP TR 36.777, Annex B.
+    UmaAv,
+    /// Urban micro (street canyon) of 3GPP TR 36.777, Annex B.
+    UmiAv,
+    /// Rural macro of 3GPP TR 36.777, Annex B.
+    RmaAv,
+}
+
+impl fmt::Display for RadioModel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::ProbabilisticLos => "probabilistic-los",
+            Self::UmaAv => "uma-av",
+            Self::UmiAv => "umi-av",
+            Self::RmaAv => "rma-av",
+        })
     }
 }
 

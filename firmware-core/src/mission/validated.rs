@@ -8,10 +8,13 @@ use super::{
     parameters::MissionParameters,
     tolerance::{MEASUREMENT_M, rounding_m},
 };
+#[cfg(feature = "gain-map")]
+use crate::channel::gain_map::GainMap;
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    channel::ChannelModel,
+    channel::{ChannelModel, GroundNode},
     scalar::{Position, Scalar},
+    units::PowerGain,
 };
 
 /// A valid mission. The [module](super) states what that guarantees.
@@ -24,6 +27,9 @@ use crate::{
 pub struct Mission<T: Scalar, const M: usize = USERS_MAX, const J: usize = SENSORS_MAX> {
     pub(super) parameters: MissionParameters<T, M, J>,
     channel: ChannelModel<T>,
+    /// The gains, where they do not come from the channel model.
+    #[cfg(feature = "gain-map")]
+    gain_map: Option<GainMap>,
     /// The users and sensors that left.
     pub(super) absent_users: [bool; M],
     pub(super) absent_sensors: [bool; J],
@@ -39,6 +45,8 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
     pub fn new(parameters: MissionParameters<T, M, J>) -> Result<Self, MissionError<T>> {
         let mission = Self {
             channel: ChannelModel::new(&parameters),
+            #[cfg(feature = "gain-map")]
+            gain_map: None,
             parameters,
             absent_users: [false; M],
             absent_sensors: [false; J],
@@ -78,9 +86,60 @@ impl<T: Scalar, const M: usize, const J: usize> Mission<T, M, J> {
         &self.parameters
     }
 
-    /// Returns the air-to-ground channel over the area.
+    /// Returns the model of the air-to-ground channel over the area.
     pub fn channel(&self) -> &ChannelModel<T> {
         &self.channel
+    }
+
+    /// Returns the mission with gains from a map in place of those of the channel model.
+    #[cfg(feature = "gain-map")]
+    #[must_use]
+    pub fn with_gain_map(mut self, map: GainMap) -> Self {
+        self.gain_map = Some(map);
+        self
+    }
+
+    /// Returns whether the gains come from a map. They are then no function of the distance alone.
+    pub fn has_gain_map(&self) -> bool {
+        #[cfg(feature = "gain-map")]
+        return self.gain_map.is_some();
+        #[cfg(not(feature = "gain-map"))]
+        false
+    }
+
+    /// Returns bounds on the gain of a node with the vehicle up to `radius_m` from `vehicle`, if the
+    /// gains come from a map.
+    #[cfg(feature = "policy")]
+    pub(crate) fn map_bounds(
+        &self,
+        node: GroundNode,
+        vehicle: &Position<T>,
+        radius_m: T,
+    ) -> Option<(PowerGain<T>, PowerGain<T>)> {
+        #[cfg(feature = "gain-map")]
+        return Some(self.gain_map?.bounds(node, vehicle, radius_m));
+        #[cfg(not(feature = "gain-map"))]
+        {
+            let _ = (node, vehicle, radius_m);
+            None
+        }
+    }
+
+    /// Returns the mean power gain between a vehicle over `vehicle` and a node on the ground: that
+    /// of the map, if there is one, and otherwise that of the channel model; 0 for a node that the
+    /// mission does not have. Worst case: as [`ChannelModel::power_gain`].
+    pub fn power_gain(&self, node: GroundNode, vehicle: &Position<T>) -> PowerGain<T> {
+        #[cfg(feature = "gain-map")]
+        if let Some(map) = &self.gain_map {
+            return map.power_gain(node, vehicle);
+        }
+        let ground = match node {
+            GroundNode::User(user) => self.parameters.users.get(user),
+            GroundNode::Sensor(sensor) => self.parameters.sensors.get(sensor),
+        };
+        ground.map_or(PowerGain(T::zero()), |ground| {
+            self.channel.power_gain(vehicle, ground)
+        })
     }
 
     /// Returns `N`, the number of slots.

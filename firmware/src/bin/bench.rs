@@ -24,7 +24,7 @@ use firmware_core::{
     console::BoardMission,
     controller::{ChannelState, Controller},
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
-    mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters},
+    mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters, RadioModel},
     policy::{Action, Observation, PlanQuality, Policy, mlp::Mlp},
     time::{Instant, Tick},
 };
@@ -227,6 +227,7 @@ impl<'b> Bench<'b> {
             altitude_m: 100.0,
             max_speed_mps: 30.0,
             carrier_hz: 2e9,
+            radio_model: RadioModel::ProbabilisticLos,
             environment: Environment { a: 9.61, b: 0.16 },
             excess_loss_db: ExcessLoss {
                 los: 1.0,

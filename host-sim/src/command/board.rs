@@ -11,7 +11,7 @@ use firmware_core::{
     link::Credentials,
 };
 use host_sim::{
-    flight::computer::{Image, Twin, order},
+    flight::computer::{Image, Twin, check_order, order},
     policy::PolicyChoice,
 };
 use link::{HostPort, key};
@@ -114,6 +114,7 @@ impl BoardChoice {
         (policy, profile): (&PolicyChoice, Profile),
         keys: BoardKeys<'_>,
     ) -> Result<OpenBoard, Failure> {
+        check_order(scenario).map_err(Failure::bad_input)?;
         let ordered = |policy_kind| MissionOrder {
             ground_link: keys.ground_link.cloned(),
             mavlink_key: keys.mavlink.cloned().map(MavlinkKey::from),

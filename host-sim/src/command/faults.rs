@@ -10,7 +10,7 @@ use files::input;
 use firmware_core::console::PolicyKind;
 use host_sim::flight::{
     self, FlightSettings, Peer, RealTimeFactor,
-    computer::{Campaign, Image, SLOTS_EACH, Twin, order},
+    computer::{Campaign, Image, SLOTS_EACH, Twin, check_order, order},
 };
 use link::HostPort;
 use scenario::{Events, ScenarioChoice};
@@ -68,6 +68,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
         symbols_per_slot: 1,
         events: Events::default(),
     };
+    check_order(&scenario).map_err(Failure::bad_input)?;
     let mut order = order(&scenario, settings.profile, PolicyKind::Trained);
     // Some schedules interrupt the link for longer than a mission allows.
     order.ground_patience = None;

@@ -1,7 +1,7 @@
 //! The tables below the figures: outcome, mission (Table I), run, every slot, and the events of the
 //! autopilot and its client.
 
-use firmware_core::inner::LimitedBy;
+use firmware_core::{inner::LimitedBy, mission::RadioModel};
 
 use super::{against_waypoints, of_certified_bound, of_ideal_flight, slots_csv};
 use crate::record::{FlightRecord, Summary, Timing};
@@ -10,6 +10,7 @@ use figures::{
     markup::{Element, element},
     quantity::{self, count, decimal, percent, plain, power_unit, significant},
 };
+use scenario::HostMission;
 
 /// Returns the tables of outcome, mission and run.
 pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
@@ -95,7 +96,7 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
     if let Some((fraction, of)) = of_certified_bound(summary) {
         outcome.insert(1, ("Of the certified bound", format!("{fraction} {of}")));
     }
-    let table_one = vec![
+    let mut table_one = vec![
         (
             "Slots N, duration δ",
             format!("{} × {} s", p.slots, plain(p.slot_duration_s)),
@@ -114,18 +115,6 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
         ("Speed V_max", format!("{} m/s", plain(p.max_speed_mps))),
         ("Carrier f_c", format!("{} GHz", plain(p.carrier_hz / 1e9))),
         (
-            "Environment A, B",
-            format!("{}, {}", plain(p.environment.a), plain(p.environment.b)),
-        ),
-        (
-            "Excess loss LoS, NLoS",
-            format!(
-                "{} dB, {} dB",
-                plain(p.excess_loss_db.los),
-                plain(p.excess_loss_db.nlos)
-            ),
-        ),
-        (
             "Noise σ²",
             format!(
                 "{} dBm",
@@ -143,6 +132,11 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
             ),
         ),
     ];
+    let after_carrier = 1 + table_one
+        .iter()
+        .position(|(name, _)| *name == "Carrier f_c")
+        .unwrap_or(0);
+    table_one.splice(after_carrier..after_carrier, radio_model(mission));
     let run = vec![
         ("Scenario", summary.scenario.clone()),
         (
@@ -184,6 +178,31 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
         .with(table("Outcome", outcome))
         .with(table("Mission", table_one))
         .with(table("Run", run))
+}
+
+/// Returns the rows on the model of the mean channel gain.
+fn radio_model(mission: &HostMission) -> Vec<(&'static str, String)> {
+    let p = mission.parameters();
+    if mission.has_gain_map() {
+        return vec![("Gains", "from a map (radio.gain_map)".to_owned())];
+    }
+    match p.radio_model {
+        RadioModel::ProbabilisticLos => vec![
+            (
+                "Environment A, B",
+                format!("{}, {}", plain(p.environment.a), plain(p.environment.b)),
+            ),
+            (
+                "Excess loss LoS, NLoS",
+                format!(
+                    "{} dB, {} dB",
+                    plain(p.excess_loss_db.los),
+                    plain(p.excess_loss_db.nlos)
+                ),
+            ),
+        ],
+        model => vec![("Radio model", format!("{model} (3GPP TR 36.777)"))],
+    }
 }
 
 /// Returns the events of the autopilot and its client, as a collapsed section.

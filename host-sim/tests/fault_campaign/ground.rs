@@ -4,7 +4,7 @@ use firmware_core::{
     Mission, Position, PowerGain, SENSORS_MAX, USERS_MAX, Watt,
     controller::{ChannelState, SlotCommand},
     link::{Endpoint, FRAME_MAX, Message},
-    mission::{Area, Environment, ExcessLoss, MEASUREMENT_M, MissionParameters},
+    mission::{Area, Environment, ExcessLoss, MEASUREMENT_M, MissionParameters, RadioModel},
     policy::{Action, Observation, Policy},
 };
 use rand::RngExt;
@@ -44,6 +44,7 @@ pub(crate) fn mission(random: &mut Pcg64Mcg, slots: u32) -> HostMission {
         altitude_m: 30.0,
         max_speed_mps: 3.0,
         carrier_hz: 2e9,
+        radio_model: RadioModel::ProbabilisticLos,
         environment: Environment { a: 9.613, b: 0.158 },
         excess_loss_db: ExcessLoss {
             los: 1.0,

@@ -2,7 +2,7 @@ use firmware_core::{
     Position, PowerGain, Watt,
     controller::Controller,
     link::{FRAME_MAX, encode},
-    mission::{Area, Environment, ExcessLoss, MissionParameters},
+    mission::{Area, Environment, ExcessLoss, MissionParameters, RadioModel},
     policy::StraightLine,
     time::Tick,
 };
@@ -38,6 +38,7 @@ impl Bench {
             altitude_m: 50.0,
             max_speed_mps: 10.0,
             carrier_hz: 2e9,
+            radio_model: RadioModel::ProbabilisticLos,
             environment: Environment { a: 9.613, b: 0.158 },
             excess_loss_db: ExcessLoss {
                 los: 1.0,

@@ -1,6 +1,6 @@
 //! The reasons why a mission cannot be bounded.
 
-use firmware_core::Mission;
+use firmware_core::{Mission, mission::RadioModel};
 
 /// Error returned when a mission cannot be bounded.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -37,6 +37,24 @@ pub enum BoundError {
         distance_m: f64,
         /// The largest distance that can be flown, `(N + 1) V_max delta`, metres.
         reach_m: f64,
+    },
+    /// The gains of the mission come from a map.
+    #[error(
+        "the bound needs a gain that falls with the horizontal distance, which radio.gain_map does \
+         not promise: missions with a map of gains cannot be certified"
+    )]
+    GainMap,
+    /// The gain of the channel rises somewhere with the distance, so the gain at the nearest point
+    /// of a cell bounds nothing.
+    #[error(
+        "the bound needs a gain that falls with the horizontal distance, but that of radio.model \
+         \"{model}\" rises at {distance_m} m"
+    )]
+    GainRises {
+        /// The radio model.
+        model: RadioModel,
+        /// The horizontal distance, metres.
+        distance_m: f64,
     },
 }
 

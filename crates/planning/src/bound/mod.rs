@@ -76,7 +76,8 @@ const SEARCH_WORK: usize = 20_000_000_000;
 /// Bounds a mission. Calls `progress` after every step.
 ///
 /// # Errors
-/// Returns an error if the mission is too large or if only one path can be flown.
+/// Returns an error if the mission is too large, if only one path can be flown, or if the gain does
+/// not fall with the distance.
 pub fn certify<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
     settings: &BoundSettings,
@@ -98,7 +99,7 @@ pub fn certify_until<const M: usize, const J: usize>(
     mut progress: impl FnMut(&BoundProgress),
 ) -> Result<Bound, BoundError> {
     let started = Instant::now();
-    let rate_bound = RateBound::new(mission);
+    let rate_bound = RateBound::new(mission)?;
     let mut certifier = Certifier::new(mission, settings, &rate_bound, stop);
     certifier.start()?;
     let multipliers = certifier.leaves[0].multipliers.clone();
@@ -141,14 +142,14 @@ pub fn search<const M: usize, const J: usize>(
 /// processor.
 ///
 /// # Errors
-/// Returns an error if the mission is too large.
+/// Returns an error if the mission is too large or if the gain does not fall with the distance.
 pub fn fairness_prices<const M: usize, const J: usize>(
     mission: &Mission<f64, M, J>,
 ) -> Result<Vec<f64>, BoundError> {
     let leaf = Certifier::new(
         mission,
         &BoundSettings::default(),
-        &RateBound::new(mission),
+        &RateBound::new(mission)?,
         &|| false,
     )
     .whole()?;

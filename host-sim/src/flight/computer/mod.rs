@@ -46,7 +46,7 @@ use super::{outcome::FlightError, reason};
 pub use campaign::{Campaign, SLOTS_EACH, Tally};
 pub use image::Image;
 pub use in_process::InProcess;
-pub use order::order;
+pub use order::{check_order, order};
 pub use twin::Twin;
 
 /// What a computer receives in a round.

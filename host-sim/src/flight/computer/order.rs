@@ -10,7 +10,23 @@ use vehicle::Profile;
 
 use crate::flight::settings::autopilot_settings;
 
-/// Returns the order of a mission for a board, with an open ground link.
+/// Checks that an order can carry what is known of a mission.
+///
+/// # Errors
+/// Returns a message of one line if it cannot.
+pub fn check_order(scenario: &Scenario) -> Result<(), String> {
+    if scenario.mission.has_gain_map() {
+        return Err(
+            "radio.gain_map is given, but a board's order cannot carry it: use the controller in \
+             this process with --precision f64 (the default)"
+                .into(),
+        );
+    }
+    Ok(())
+}
+
+/// Returns the order of a mission for a board, with an open ground link. [`check_order`] says
+/// whether there is one.
 pub fn order(scenario: &Scenario, profile: Profile, policy_kind: PolicyKind) -> MissionOrder {
     let flight = autopilot_settings(scenario, profile);
     let number = |x: f64| x as f32;
