@@ -23,26 +23,28 @@ pub(super) fn stuff(buffer: &mut [u8], end: usize, length: usize) -> Option<usiz
     if begin < length.div_ceil(BLOCK) {
         return None;
     }
+    let mut encoded = cells.iter();
     // What is written never overtakes what is read: of the bytes before the plain ones, each block
     // that ends without a zero takes one.
-    let mut plain = cells.get(begin..end)?;
-    let mut encoded = cells.iter();
-    loop {
-        let block = plain.get(..BLOCK).unwrap_or(plain);
-        let run = block.iter().position(|byte| byte.get() == 0);
-        let run = run.unwrap_or(block.len());
-        let (block, rest) = plain.split_at_checked(run)?;
-        encoded.next()?.set((run + 1) as u8);
-        for (byte, place) in block.iter().zip(encoded.by_ref()) {
-            place.set(byte.get());
-        }
-        plain = match rest.split_first() {
-            None => break,
+    let mut length_of_block = encoded.next()?;
+    let mut run = 0;
+    for byte in cells.get(begin..end)? {
+        if run == BLOCK {
             // A full block stands for no zero.
-            Some(_) if run == BLOCK => rest,
-            Some((_zero, rest)) => rest,
-        };
+            length_of_block.set(u8::MAX);
+            length_of_block = encoded.next()?;
+            run = 0;
+        }
+        if byte.get() == 0 {
+            length_of_block.set((run + 1) as u8);
+            length_of_block = encoded.next()?;
+            run = 0;
+        } else {
+            encoded.next()?.set(byte.get());
+            run += 1;
+        }
     }
+    length_of_block.set((run + 1) as u8);
     Some(cells.len() - encoded.as_slice().len())
 }
 
