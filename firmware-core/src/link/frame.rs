@@ -54,10 +54,10 @@ pub(crate) fn seal<'f>(
 
 /// Writes a frame. `write` puts what the CRC covers at the beginning of the bytes that it is given,
 /// and returns the length; `None` if it does not fit.
-pub(super) fn write_frame<'f>(
-    frame: &'f mut [u8],
+pub(super) fn write_frame(
+    frame: &mut [u8],
     write: impl FnOnce(&mut [u8]) -> Option<usize>,
-) -> Result<&'f [u8], FrameTooLong> {
+) -> Result<&[u8], FrameTooLong> {
     let capacity = frame.len();
     let length = frame_in_place(frame, write).ok_or(FrameTooLong { capacity })?;
     frame.get(..length).ok_or(FrameTooLong { capacity })

@@ -168,13 +168,13 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
     /// assert_eq!(computer.stage(), Stage::Preparing);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    pub fn new_in<'p>(
-        place: &'p mut MaybeUninit<Self>,
+    pub fn new_in(
+        place: &mut MaybeUninit<Self>,
         settings: OnboardSettings,
         mission: Mission<T, M, J>,
         (policy, solver): (P, S),
         autopilot: AutopilotSettings<T>,
-    ) -> Result<&'p mut Self, SettingsError> {
+    ) -> Result<&mut Self, SettingsError> {
         autopilot.check()?;
         let computer = place.write(Self::assemble(
             settings,
