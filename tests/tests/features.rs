@@ -7,9 +7,10 @@ use end_to_end::repository;
 
 /// Combinations that differ: `planner` and `link` include `policy`, and the modules `onboard` and
 /// `console` appear where several features meet. `onnx` is built by the other crates.
-const COMBINATIONS: [&str; 12] = [
+const COMBINATIONS: [&str; 14] = [
     "",
     "policy",
+    "gain-map",
     "planner",
     "link",
     "planner link",
@@ -18,6 +19,7 @@ const COMBINATIONS: [&str; 12] = [
     "autopilot planner",
     "autopilot link",
     "autopilot planner link",
+    "autopilot planner link gain-map",
     "defmt embassy-time",
     "autopilot planner link defmt embassy-time",
 ];

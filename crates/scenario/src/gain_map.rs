@@ -14,9 +14,8 @@ use std::path::{Path, PathBuf};
 
 use files::input;
 use firmware_core::channel::gain_map::GainMap;
-use sha2::{Digest, Sha256};
 
-use crate::{HostMission, scenario::hexadecimal};
+use crate::{HostMission, digest::sha256};
 
 /// The first line of a file.
 const HEADER: [&str; 5] = ["node", "index", "east_m", "north_m", "power_gain"];
@@ -52,7 +51,7 @@ pub(crate) fn load(path: &Path, mission: &HostMission) -> Result<LoadedMap, Stri
     let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     Ok(LoadedMap {
         path,
-        digest: hexadecimal(&Sha256::digest(&content)),
+        digest: sha256(&content),
         map,
     })
 }

@@ -12,6 +12,7 @@
 #![deny(missing_docs)]
 
 mod choice;
+mod digest;
 mod events;
 mod file;
 mod gain_map;

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use firmware_core::{Mission, autopilot::frames::Geodetic};
-use sha2::{Digest, Sha256};
 
 use crate::{
     HostMission, Sensing,
+    digest::sha256,
     file::{self, ScenarioError},
     gain_map::{self, LoadedMap},
     mission_file::{Origin, ScenarioFile},
@@ -164,11 +164,6 @@ impl Scenario {
         file.origin = Origin::default();
         file.sensing = Sensing::default();
         file.radio.gain_map = self.gain_map.as_ref().map(|map| map.digest.clone().into());
-        hexadecimal(&Sha256::digest(file.to_toml()))
+        sha256(file.to_toml().as_bytes())
     }
-}
-
-/// Formats bytes as hexadecimal digits.
-pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

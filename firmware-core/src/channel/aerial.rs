@@ -38,13 +38,13 @@ use crate::{
 
 /// The heights and distances that tables B-1 and B-2 are for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ValidRange {
+pub struct ValidRange<T> {
     /// The vehicle is higher than this, metres. At and below it the tables refer to TR 38.901.
-    pub above_m: f64,
+    pub above_m: T,
     /// The vehicle is at most this high, metres.
-    pub up_to_m: f64,
+    pub up_to_m: T,
     /// The horizontal distance is at most this, metres.
-    pub distance_m: f64,
+    pub distance_m: T,
 }
 
 /// A path loss `at_1m_db + per_decade_db lg d`.
@@ -73,15 +73,15 @@ pub(super) struct AerialModel<T> {
 
 impl RadioModel {
     /// Returns the range of validity, or `None` if the model has none of its own.
-    pub fn valid_range(self) -> Option<ValidRange> {
+    pub fn valid_range<T: Scalar>(self) -> Option<ValidRange<T>> {
         let (above_m, distance_m) = match self {
             Self::ProbabilisticLos => return None,
-            Self::UmaAv | Self::UmiAv => (22.5, 4_000.0),
-            Self::RmaAv => (10.0, 10_000.0),
+            Self::UmaAv | Self::UmiAv => (T::of(22.5), T::of(4_000.0)),
+            Self::RmaAv => (T::of(10.0), T::of(10_000.0)),
         };
         Some(ValidRange {
             above_m,
-            up_to_m: 300.0,
+            up_to_m: T::of(300.0),
             distance_m,
         })
     }
@@ -93,7 +93,7 @@ impl<T: Scalar> AerialModel<T> {
         p: &MissionParameters<T, M, J>,
     ) -> Option<Self> {
         let (height_m, lg_h) = (p.altitude_m, p.altitude_m.log10());
-        let n = T::of;
+        let n = |value: f64| T::of(value);
         let carrier_db = n(20.0) * (p.carrier_hz * n(1e-9)).log10();
         // 20 lg(40 pi f / 3)
         let free_space_db = carrier_db + n(20.0) * n(40.0 * core::f64::consts::PI / 3.0).log10();
@@ -259,7 +259,7 @@ mod tests {
     }
 
     /// Heights of the whole range, with both sides of every change of formula.
-    fn heights_m(range: ValidRange) -> impl Iterator<Item = f64> {
+    fn heights_m(range: ValidRange<f64>) -> impl Iterator<Item = f64> {
         [
             range.above_m + 1e-6,
             23.0,
@@ -281,7 +281,7 @@ mod tests {
     #[test]
     fn the_gain_falls_with_distance_at_every_height() {
         for model in [RadioModel::UmaAv, RadioModel::UmiAv, RadioModel::RmaAv] {
-            let range = model.valid_range().expect("an aerial model");
+            let range = model.valid_range::<f64>().expect("an aerial model");
             for height_m in heights_m(range) {
                 let mission = mission::<f64>(model, height_m, 2e9);
                 let aerial = AerialModel::of(mission.parameters()).expect("an aerial model");
@@ -312,7 +312,9 @@ mod tests {
     /// than with line of sight.
     #[test]
     fn maxima_that_are_left_out_change_nothing() {
-        let range = RadioModel::UmiAv.valid_range().expect("an aerial model");
+        let range = RadioModel::UmiAv
+            .valid_range::<f64>()
+            .expect("an aerial model");
         for height_m in heights_m(range) {
             for step in 0..=400 {
                 let distance_m = (10.0 * f64::from(step)).hypot(height_m);

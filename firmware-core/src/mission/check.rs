@@ -92,10 +92,10 @@ impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
     /// Checks that the mission is within what its radio model is for.
     fn check_radio_model(&self) -> Result<(), MissionError<T>> {
         let model = self.radio_model;
-        let Some(range) = model.valid_range() else {
+        let Some(range) = model.valid_range::<T>() else {
             return Ok(());
         };
-        let (above_m, up_to_m) = (T::of(range.above_m), T::of(range.up_to_m));
+        let (above_m, up_to_m) = (range.above_m, range.up_to_m);
         let altitude_m = self.altitude_m;
         if altitude_m <= above_m || altitude_m > up_to_m {
             return Err(MissionError::AltitudeOutsideRadioModel {
@@ -113,7 +113,7 @@ impl<T: Scalar, const M: usize, const J: usize> MissionParameters<T, M, J> {
         )?;
         let (east_m, north_m) = (self.area.east_m, self.area.north_m);
         let diagonal_m = (east_m * east_m + north_m * north_m).sqrt();
-        let limit_m = T::of(range.distance_m);
+        let limit_m = range.distance_m;
         if diagonal_m > limit_m {
             return Err(MissionError::AreaBeyondRadioModel {
                 model,
