@@ -30,6 +30,9 @@ use crate::{
 /// The computer of this image: its policy is in flash, its planner in memory of its own.
 pub type Computer = BoardComputer<&'static [u8], &'static mut StaticPlanner>;
 
+/// The size of the computer is known.
+const _: () = assert!(size_of::<Computer>() <= 11_600);
+
 /// Bytes taken from a line at a time.
 const PIECE: usize = 64;
 

@@ -25,6 +25,9 @@ const FRAME: usize = secure_frame_max::<f32>(USERS, SENSORS);
 
 type Computer = Onboard<f32, StraightLine<f32, USERS>, USERS, SENSORS, ExactSolver, FRAME>;
 
+/// The size of the computer is known: most of it is the MAVLink client.
+const _: () = assert!(size_of::<Computer>() <= 8_700);
+
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let Some(mut board) = Mps2::take() else {
