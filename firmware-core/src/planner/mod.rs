@@ -35,7 +35,8 @@
 //! # let parameters = MissionParameters::<f32, 16, 64> {
 //! #     slots: 20, slot_duration_s: 1.0, start: place(100.0, 100.0), destination: place(500.0, 300.0),
 //! #     area: Area { east_m: 600.0, north_m: 600.0 }, altitude_m: 100.0, max_speed_mps: 40.0,
-//! #     carrier_hz: 2e9, environment: Environment { a: 9.613, b: 0.158 },
+//! #     carrier_hz: 2e9, radio_model: RadioModel::ProbabilisticLos,
+//! #     environment: Environment { a: 9.613, b: 0.158 },
 //! #     excess_loss_db: ExcessLoss { los: 1.0, nlos: 20.0 }, noise_power: Watt::from_dbm(-95.0),
 //! #     mse_threshold: 0.1, user_power_max: Watt(0.2), sensor_power_max: Watt(0.05),
 //! #     users: [place(100.0, 500.0), place(500.0, 100.0)].into_iter().collect(),
