@@ -273,7 +273,7 @@ fn a_map_of_gains_is_planned_with_and_flown() {
             "{problem}"
         );
     }
-    let events = folder.path().join("events.toml");
+    let events = copy.path().join("events.toml");
     fs::write(
         &events,
         "[[event]]\nslot = 9\nuser = 3\nposition_m = [5, 5]\n",
