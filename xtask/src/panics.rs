@@ -79,7 +79,7 @@ const PROBES: [Probe; 36] = [
         "slot_bounded",
         "slot problem, gains within bounds: `Workspace::guarantee`",
     ),
-    gated(
+    single(
         "slot_uncertain",
         "slot problem with error statistics: `SensorUncertainty::with_phase_error`, `UncertainWorkspace::sensors_of_amplitude`, `SensorField::allocate`, `UncertainWorkspace::guarantee`",
     ),
