@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! The channel from the ground to the vehicle: its mean power gain over the distance.
 //!
-//! The mission's [`RadioModel`] selects the formula. By default it is the paper's probabilistic
+//! The mission's [`RadioModel`](crate::mission::RadioModel) selects the formula. By default it is the paper's probabilistic
 //! line-of-sight channel; [`aerial`] has the others, from 3GPP TR 36.777.
 //!
 //! The paper's eq:gain (path loss `G`, dB), eq:plos (probability of line of sight) and eq:gmn,
