@@ -174,24 +174,47 @@ fn every_method_answers_the_corners() {
     }
 }
 
-/// The whole reference is in a directory next to the repository, or in that of `SLOT_REFERENCE`.
-#[test]
-fn whole_reference_where_present() {
-    let beside =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/reference/inner_cases.jsonl");
+/// Returns a file of the reference: it is in a directory next to the repository, or in the directory
+/// that `SLOT_REFERENCE` names. `None` if neither exists.
+fn reference(name: &str) -> Option<String> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/reference");
     let named = std::env::var_os("SLOT_REFERENCE").map(PathBuf::from);
-    let path = named.clone().unwrap_or(beside);
+    let path = named.clone().unwrap_or(beside).join(name);
     match fs::read_to_string(&path) {
-        Ok(lines) => check_reference(&lines),
+        Ok(lines) => Some(lines),
         // Written past the test harness, which would hide it.
         Err(error) if named.is_none() => {
-            let _ = writeln!(
-                io::stderr(),
-                "SKIPPED whole_reference: {}: {error}",
-                path.display()
-            );
+            let _ = writeln!(io::stderr(), "SKIPPED {name}: {}: {error}", path.display());
+            None
         }
         Err(error) => panic!("SLOT_REFERENCE: {}: {error}", path.display()),
+    }
+}
+
+#[test]
+fn whole_reference_where_present() {
+    if let Some(lines) = reference("inner_cases.jsonl") {
+        check_reference(&lines);
+    }
+}
+
+/// Slots whose channels are known up to errors, solved by somebody else's program.
+#[test]
+fn whole_reference_with_errors_where_present() {
+    let Some(lines) = reference("error_cases.jsonl") else {
+        return;
+    };
+    for (precision, tolerance) in [(Precision::F64, 1e-9), (Precision::F32, 2e-4)] {
+        let answers = answers(Method::Exact, precision, &lines);
+        assert_eq!(answers.len(), lines.lines().count());
+        for (line, answer) in lines.lines().zip(&answers) {
+            let known: Known = serde_json::from_str(line).expect("a result");
+            assert_eq!(answer.feasible, known.feasible, "{line}");
+            if let Some(rate) = known.rate.filter(|_| known.feasible) {
+                let error = (answer.rate - rate).abs() / rate;
+                assert!(error <= tolerance, "{} {rate} {line}", answer.rate);
+            }
+        }
     }
 }
 
