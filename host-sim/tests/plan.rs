@@ -142,7 +142,19 @@ fn the_plan_file_is_what_qgroundcontrol_reads() {
 #[test]
 fn nonsense_is_refused_in_one_line() {
     let folder = tempdir().expect("a folder");
-    let cases: [(&[&str], &str); 4] = [
+    let cases: [(&[&str], &str); 5] = [
+        (
+            &[
+                "benchmark",
+                "--first",
+                "1",
+                "--missions",
+                "../benchmarks",
+                "--page",
+                "no/such/p.html",
+            ],
+            "--page no/such/p.html: must be a file in a directory that exists",
+        ),
         (&["plan", "--out", "x.txt"], "must end in .plan"),
         (&["plan", "--scenario", "nowhere.toml"], "nowhere.toml"),
         (&["scenario", "random", "--count", "2"], "needs --out DIR"),

@@ -91,6 +91,24 @@ impl BenchmarkArguments {
         Ok(())
     }
 
+    /// Checks that the page can be written.
+    fn check_page(&self) -> Result<(), Failure> {
+        let Some(path) = &self.page else {
+            return Ok(());
+        };
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        if folder.is_dir() && !path.is_dir() {
+            return Ok(());
+        }
+        Err(Failure::bad_input(format!(
+            "--page {}: must be a file in a directory that exists",
+            path.display()
+        )))
+    }
+
     /// Writes the table into the document, if there is one.
     fn write_document(&self, table: &str) -> Result<(), Failure> {
         let Some(document) = &self.document else {
@@ -116,6 +134,7 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     }
     // Found now rather than after the flights.
     arguments.check_document()?;
+    arguments.check_page()?;
     let default = vec![PolicyChoice::Plan, PolicyChoice::StraightLine];
     let policies = if arguments.policy.is_empty() {
         &default
