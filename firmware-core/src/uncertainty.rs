@@ -111,7 +111,7 @@ impl<T: Scalar> UncertaintyError<T> {
         )
     }
 
-    fn check(
+    pub(crate) fn check(
         is_valid: bool,
         (field, value): (&'static str, T),
         expected: &'static str,

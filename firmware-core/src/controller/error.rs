@@ -34,15 +34,25 @@ pub enum ControllerError {
         /// The slot under way.
         expected: u32,
     },
-    /// The channel state has the wrong number of gains.
-    #[error("channel state has {got} {what} gains, but the mission has {expected}")]
+    /// The channel state or the quality of one has the wrong number of entries.
+    #[error("entries of {got} {what}s, but the mission has {expected}")]
     WrongSize {
         /// `user` or `sensor`.
         what: &'static str,
-        /// The number of gains in the channel state.
+        /// The number of entries.
         got: usize,
         /// The number of users or sensors of the mission.
         expected: usize,
+    },
+    /// The quality of channel estimates is older than the one in effect, or of a slot to come.
+    #[error("quality of slot {got}, but it must be of slot {earliest} to {latest}")]
+    QualityOutOfTurn {
+        /// The slot of the quality.
+        got: u32,
+        /// The slot of the quality in effect.
+        earliest: u32,
+        /// The slot under way, or the next one.
+        latest: u32,
     },
     /// The measured position is NaN or infinite.
     #[error("the measured position is not finite")]

@@ -59,6 +59,7 @@ mod changes;
 mod command_check;
 mod error;
 mod exchange;
+mod quality;
 mod speed_estimator;
 
 use crate::{
@@ -78,6 +79,7 @@ pub use command_check::CommandError;
 pub use error::ControllerError;
 pub(crate) use exchange::check_gain_count;
 pub use exchange::{ChannelSource, ChannelState, Plan, SlotCommand};
+pub use quality::{ChannelQuality, SensorQuality, UserQuality, VarianceCode};
 use speed_estimator::SpeedEstimator;
 
 /// The onboard controller: a mission, a policy, a solver of slot problems, and the state between
@@ -101,6 +103,8 @@ pub struct Controller<
     speed_estimator: SpeedEstimator<T>,
     /// The number of users that the policy gives scores for: those from the start.
     scored_users: usize,
+    /// The quality of the channel states; exact until one is received.
+    quality: ChannelQuality<M, J>,
     /// The changes that are not in effect yet.
     pending: Pending<T>,
     /// The number of changes that were refused when they would have come into effect.
@@ -129,6 +133,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
             fairness: Fairness::new(&mission),
             speed_estimator: SpeedEstimator::new(&mission),
             scored_users: mission.user_count(),
+            quality: ChannelQuality::default(),
             pending: Pending::new(),
             changes_refused: 0,
             mission,
@@ -197,6 +202,33 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
             return true;
         }
         self.pending.push(*change).is_ok()
+    }
+
+    /// Takes the quality of the channel estimates: of the states that are used from now on, until
+    /// another quality replaces it. Without any, and where all of it is exact, gains are taken for
+    /// exactly known. The quality of a user or sensor that joins later is the worst one of the others
+    /// until it is received.
+    ///
+    /// # Errors
+    /// Returns an error, and the quality in effect stays, if the slot is before that of the quality
+    /// in effect or after the present one, or if there is a wrong number of entries.
+    pub fn note_quality(&mut self, quality: &ChannelQuality<M, J>) -> Result<(), ControllerError> {
+        let (earliest, latest) = (self.quality.slot, self.slots_done.saturating_add(1));
+        if !(earliest..=latest).contains(&quality.slot) {
+            return Err(ControllerError::QualityOutOfTurn {
+                got: quality.slot,
+                earliest,
+                latest,
+            });
+        }
+        self.check_sizes(quality.users.len(), quality.sensors.len())?;
+        self.quality.clone_from(quality);
+        Ok(())
+    }
+
+    /// Returns the quality of the channel estimates in effect.
+    pub fn quality(&self) -> &ChannelQuality<M, J> {
+        &self.quality
     }
 
     /// Returns the number of changes that were refused when they would have come into effect,
@@ -372,13 +404,15 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
                 expected: plan.slot,
             });
         }
+        self.check_sizes(state.user_gains.len(), state.sensor_gains.len())?;
+        Ok(plan)
+    }
+
+    /// Checks that there are as many entries as users and sensors.
+    fn check_sizes(&self, users: usize, sensors: usize) -> Result<(), ControllerError> {
         let sizes = [
-            ("user", state.user_gains.len(), self.mission.user_count()),
-            (
-                "sensor",
-                state.sensor_gains.len(),
-                self.mission.sensor_count(),
-            ),
+            ("user", users, self.mission.user_count()),
+            ("sensor", sensors, self.mission.sensor_count()),
         ];
         match sizes.into_iter().find(|(_, got, expected)| got != expected) {
             Some((what, got, expected)) => Err(ControllerError::WrongSize {
@@ -386,7 +420,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
                 got,
                 expected,
             }),
-            None => Ok(plan),
+            None => Ok(()),
         }
     }
 }

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     SENSORS_MAX, USERS_MAX,
-    controller::{ChannelState, DatedChange, Plan, SlotCommand, check_gain_count},
+    controller::{ChannelQuality, ChannelState, DatedChange, Plan, SlotCommand, check_gain_count},
     scalar::{Position, Scalar},
     time::Tick,
 };
@@ -51,8 +51,9 @@ pub const fn secure_frame_max<T: Scalar>(users: usize, sensors: usize) -> usize 
 /// Returns the length of the longest frame without authentication for up to so many users and
 /// sensors, with numbers of type `T`, delimiters included.
 ///
-/// The longest message is a channel state, a command or a status. An arrival, a change and the
-/// counters of authentication are shorter than a status, whatever the capacities.
+/// The longest message is a channel state, a command or a status. A quality is shorter than a
+/// channel state, and an arrival, a change and the counters of authentication are shorter than a
+/// status, whatever the capacities.
 ///
 /// # Panics
 /// Panics, at compile time in a constant, if users and sensors together are more than 65,535: a
@@ -91,6 +92,9 @@ pub enum Message<T: Scalar, const M: usize, const J: usize> {
     Change(NumberedChange<T>),
     /// To the ground, after the status, where the link is authenticated: what was refused.
     Security(SecurityCounters),
+    /// To the vehicle, before the channel state of its slot: how exactly the gains are known from
+    /// then on.
+    Quality(ChannelQuality<M, J>),
 }
 
 /// A change of the mission with its number in the order of all changes, from 1. The vehicle takes

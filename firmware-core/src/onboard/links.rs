@@ -7,7 +7,7 @@ use crate::{
         self, FrameBuffer,
         signing::{self, LinkSigning, SigningState},
     },
-    controller::{ChannelState, ControllerError},
+    controller::{ChannelQuality, ChannelState, ControllerError},
     counter::count,
     inner::SlotSolver,
     link::{Message, NumberedChange, secure_frame_max},
@@ -95,6 +95,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
             match message {
                 Message::ChannelState(state) => self.take_channel_state(now, state),
                 Message::Change(change) => self.take_change(&change),
+                Message::Quality(quality) => self.take_quality(&quality),
                 Message::Arrival(_)
                 | Message::Command(_)
                 | Message::Status(_)
@@ -116,6 +117,18 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
                 count(&mut self.slots.states_of_wrong_size);
             }
             _ => count(&mut self.slots.states_out_of_turn),
+        }
+    }
+
+    /// Takes note of the quality of channel estimates. One that is taken has no counter: it is what
+    /// the sum of the counters lacks.
+    fn take_quality(&mut self, quality: &ChannelQuality<M, J>) {
+        match self.controller.note_quality(quality) {
+            Ok(()) => {}
+            Err(ControllerError::WrongSize { .. }) => {
+                count(&mut self.slots.states_of_wrong_size);
+            }
+            Err(_) => count(&mut self.slots.states_out_of_turn),
         }
     }
 

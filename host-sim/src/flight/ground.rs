@@ -105,7 +105,11 @@ impl Ground {
                 Some(Ok(Message::Command(command))) => self.execute(&precision::command(&command)),
                 Some(Ok(Message::Status(status))) => self.link.vehicle = status,
                 Some(Ok(Message::Security(counters))) => self.vehicle_security = counters,
-                Some(Ok(Message::ChannelState(_) | Message::Change(_)) | Err(_)) | None => {}
+                Some(
+                    Ok(Message::ChannelState(_) | Message::Change(_) | Message::Quality(_))
+                    | Err(_),
+                )
+                | None => {}
             }
         }
         uplink

@@ -28,7 +28,9 @@ mod violation;
 
 use firmware_core::{
     Mission, SENSORS_MAX, Scalar, USERS_MAX,
-    controller::{CHANGES_MAX, ChannelSource, ChannelState, DatedChange, Plan, SlotCommand},
+    controller::{
+        CHANGES_MAX, ChannelQuality, ChannelSource, ChannelState, DatedChange, Plan, SlotCommand,
+    },
     link::{
         Arrival, Credentials, Decoder, Endpoint, LinkCounters, Message, NumberedChange,
         SecurityCounters, VehicleStatus,
@@ -92,6 +94,9 @@ pub struct LinkAuditor<T: Scalar, const M: usize = USERS_MAX, const J: usize = S
     /// A decoder like the ground's, on a link without faults.
     ground: Decoder,
     awaited: Option<Awaited<T, M, J>>,
+    /// The quality of the states, and the number of qualities that the vehicle has taken.
+    quality: ChannelQuality<M, J>,
+    qualities_taken: u32,
     /// The counters that follow from the bytes, except for those of the decoder.
     expected: VehicleStatus,
 }
@@ -107,6 +112,8 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             is_within_piece: false,
             ground: Decoder::new(),
             awaited: None,
+            quality: ChannelQuality::default(),
+            qualities_taken: 0,
             expected: VehicleStatus::default(),
         }
     }
@@ -141,6 +148,7 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             match self.vehicle.push::<T, M, J>(byte) {
                 Some(Ok(Message::ChannelState(state))) => self.expect_state(state),
                 Some(Ok(Message::Change(change))) => self.expect_change(&change),
+                Some(Ok(Message::Quality(quality))) => self.expect_quality(quality),
                 Some(Ok(_)) => self.expected.slots.echoes += 1,
                 Some(Err(_)) | None => {}
             }
@@ -209,6 +217,21 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
         }
     }
 
+    /// Predicts what the vehicle does with a quality.
+    fn expect_quality(&mut self, quality: ChannelQuality<M, J>) {
+        let slots = self.quality.slot..=self.expected.slots_done + 1;
+        let fits = quality.users.len() == self.mission.user_count()
+            && quality.sensors.len() == self.mission.sensor_count();
+        if !slots.contains(&quality.slot) {
+            self.expected.slots.states_out_of_turn += 1;
+        } else if !fits {
+            self.expected.slots.states_of_wrong_size += 1;
+        } else {
+            self.quality = quality;
+            self.qualities_taken += 1;
+        }
+    }
+
     /// Takes bytes as the vehicle has sent them, without faults, and returns their messages.
     ///
     /// # Errors
@@ -242,6 +265,9 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
                         return Err(Violation::Change {
                             number: change.number,
                         });
+                    }
+                    Message::Quality(quality) => {
+                        return Err(Violation::Quality { slot: quality.slot });
                     }
                 });
             }
@@ -346,6 +372,7 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             + slots.changes
             + slots.changes_out_of_turn
             + slots.echoes
+            + self.qualities_taken
             + u32::from(waiting);
         let messages = status.link.messages;
         if messages != used || slots.measured + slots.stale != status.slots_done {

@@ -24,6 +24,12 @@ pub enum Violation<T: Scalar> {
         /// The number of the change.
         number: u32,
     },
+    /// The vehicle sent a message that only the ground sends.
+    #[error("a quality of slot {slot} from the vehicle")]
+    Quality {
+        /// The slot of the quality.
+        slot: u32,
+    },
     /// An arrival is not about the next slot.
     #[error("an arrival of slot {got}, but slot {next} is next")]
     Arrival {
