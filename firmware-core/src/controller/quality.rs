@@ -170,7 +170,8 @@ impl<const M: usize, const J: usize> ChannelQuality<M, J> {
         }
     }
 
-    /// Returns whether all channels are known exactly, which is also the case without entries.
+    /// Returns whether all channels are known exactly, which is also the case without entries. Worst
+    /// case: one pass over the entries.
     pub fn is_exact(&self) -> bool {
         self.users
             .iter()
@@ -202,6 +203,34 @@ impl<const M: usize, const J: usize> ChannelQuality<M, J> {
     }
 }
 
+impl<const M: usize, const J: usize> ChannelQuality<M, J> {
+    /// Replaces this quality. Without entries where `other` is exact, so that
+    /// [`is_exact`](Self::is_exact) takes no time.
+    pub(super) fn replace(&mut self, other: &Self) {
+        self.clone_from(other);
+        if other.is_exact() {
+            self.users.clear();
+            self.sensors.clear();
+        }
+    }
+
+    /// Returns the statistics of these sensors, as many as there are and in their order. Worst case:
+    /// two exponential functions per sensor; neighbours with equal quality share them.
+    pub(super) fn statistics<T: Scalar>(
+        &self,
+        sensors: impl Iterator<Item = usize>,
+    ) -> Vec<SensorUncertainty<T>, J> {
+        let mut last = (SensorQuality::default(), SensorUncertainty::exactly_known());
+        collect_first(sensors.map(|sensor| {
+            let quality = self.sensor(sensor);
+            if quality != last.0 {
+                last = (quality, quality.uncertainty());
+            }
+            last.1
+        }))
+    }
+}
+
 /// Returns the least code for which `suffices` is true; it is false below that code and true above,
 /// and true for the last one. Worst case: eight calls.
 fn least_code(suffices: impl Fn(u8) -> bool) -> u8 {
@@ -215,4 +244,165 @@ fn least_code(suffices: impl Fn(u8) -> bool) -> u8 {
         }
     }
     low
+}
+
+#[cfg(test)]
+mod tests {
+    use std::string::ToString;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::test_missions::table_one;
+
+    fn with_codes(variance: u8, phase_error: u8) -> SensorQuality {
+        SensorQuality {
+            error_variance: VarianceCode(variance),
+            phase_error,
+        }
+    }
+
+    /// What a code states has that code, and the statistics of every pair of codes are valid.
+    fn codes_state_themselves<T: Scalar>() {
+        for variance in 0..=u8::MAX {
+            for phase_error in 0..=u8::MAX {
+                let quality = with_codes(variance, phase_error);
+                let (eps, phase) = (
+                    quality.error_variance::<T>(),
+                    quality.phase_error_rad::<T>(),
+                );
+                assert_eq!(SensorQuality::new(eps, phase), Ok(quality));
+                let known = SensorUncertainty::with_phase_error(eps, phase).expect("valid");
+                assert_eq!(quality.uncertainty::<T>(), known);
+            }
+            let user = UserQuality(VarianceCode(variance));
+            assert_eq!(UserQuality::new(user.error_variance::<T>()), Ok(user));
+        }
+    }
+
+    #[test]
+    fn every_code_states_itself() {
+        codes_state_themselves::<f64>();
+        codes_state_themselves::<f32>();
+    }
+
+    /// The ground codes in double precision what a vehicle reads in single precision.
+    #[test]
+    fn precisions_agree() {
+        for code in 0..=u8::MAX {
+            let quality = with_codes(code, code);
+            let variance = quality.error_variance::<f64>();
+            let rounded = f64::from(quality.error_variance::<f32>());
+            assert!(
+                (rounded - variance).abs() <= 2e-6 * variance,
+                "{rounded} {variance}"
+            );
+            let phase = quality.phase_error_rad::<f64>();
+            assert!((f64::from(quality.phase_error_rad::<f32>()) - phase).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_ends_are_exact() {
+        let exact = SensorQuality::new(0.0, 0.0).expect("valid");
+        assert_eq!(exact, SensorQuality::default());
+        assert_eq!(
+            exact.uncertainty::<f64>(),
+            SensorUncertainty::exactly_known()
+        );
+        let least = SensorQuality::new(1e-30, 1e-30).expect("valid");
+        assert_eq!(least, with_codes(1, 1));
+        assert_eq!(least.error_variance::<f64>(), 1e-5);
+        let most = SensorQuality::new(10.0, core::f64::consts::PI).expect("valid");
+        assert_eq!(most, with_codes(255, 255));
+        assert_eq!(most.error_variance::<f64>(), 10.0);
+        assert_eq!(most.phase_error_rad::<f64>(), core::f64::consts::PI);
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        for bad in [-1e-9, 10.000_001, f64::NAN, f64::INFINITY] {
+            let sensor = SensorQuality::new(bad, 0.0)
+                .expect_err("refused")
+                .to_string();
+            let expected = std::format!("sensor_error_variance is {bad}, but must be a variance");
+            assert!(sensor.starts_with(&expected), "{sensor}");
+            let user = UserQuality::new(bad).expect_err("refused").to_string();
+            assert!(user.starts_with("user_error_variance is "), "{user}");
+        }
+        for bad in [-1e-9, 3.15, f64::NAN] {
+            let message = SensorQuality::new(0.1, bad)
+                .expect_err("refused")
+                .to_string();
+            assert!(
+                message.starts_with("sensor_phase_error_rad is "),
+                "{message}"
+            );
+        }
+    }
+
+    /// A node that has joined since has the worst quality of the others, in each number.
+    #[test]
+    fn a_node_without_an_entry_is_known_no_better_than_the_others() {
+        let mut quality = ChannelQuality::<4, 4> {
+            slot: 1,
+            users: [VarianceCode(3), VarianceCode(9), VarianceCode(4)]
+                .map(UserQuality)
+                .into_iter()
+                .collect(),
+            sensors: [with_codes(5, 1), with_codes(2, 8)].into_iter().collect(),
+        };
+        assert_eq!(quality.user(3), UserQuality(VarianceCode(9)));
+        assert_eq!(quality.sensor(1), with_codes(2, 8));
+        assert_eq!(quality.sensor(2), with_codes(5, 8));
+        let statistics = quality.statistics::<f64>([0, 2].into_iter());
+        let expected = [with_codes(5, 1), with_codes(5, 8)].map(|code| code.uncertainty());
+        assert_eq!(statistics, expected);
+        // All exact: the same as without entries.
+        assert!(!quality.is_exact());
+        let exact = ChannelQuality::uniform(
+            &table_one::<f64>(),
+            7,
+            UserQuality::default(),
+            SensorQuality::default(),
+        );
+        assert_eq!((exact.users.len(), exact.sensors.len()), (15, 36));
+        let mut replaced = ChannelQuality {
+            slot: 1,
+            ..exact.clone()
+        };
+        replaced.replace(&exact);
+        assert_eq!(
+            (replaced.slot, replaced.users.len(), replaced.sensors.len()),
+            (7, 0, 0)
+        );
+        assert!(replaced.is_exact());
+        quality.users.clear();
+        assert!(!quality.is_exact());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            failure_persistence: None,
+            rng_seed: proptest::test_runner::RngSeed::Fixed(1),
+            ..ProptestConfig::default()
+        })]
+
+        /// A quality is never better than it was stated to be, and worse by a step at most.
+        #[test]
+        fn rounding_is_to_the_worse(
+            exponent in -5.0..1.0_f64,
+            phase_error_rad in 0.0..=core::f64::consts::PI,
+        ) {
+            let variance = 10.0_f64.powf(exponent);
+            let quality = SensorQuality::new(variance, phase_error_rad).expect("valid");
+            let stated = quality.error_variance::<f64>();
+            prop_assert!(stated >= variance && stated < 1.056 * variance, "{stated} {variance}");
+            let step = core::f64::consts::PI / 255.0;
+            let stated: f64 = quality.phase_error_rad();
+            prop_assert!(stated >= phase_error_rad && stated < phase_error_rad + step + 1e-12);
+            let user = UserQuality::new(variance).expect("valid");
+            prop_assert_eq!(user.0, quality.error_variance);
+        }
+    }
 }

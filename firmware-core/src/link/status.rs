@@ -9,8 +9,8 @@
 //!   authenticated, of [`SecurityCounters`];
 //! * every good message is used, or is one of `states_out_of_turn`, `states_of_wrong_size`,
 //!   `changes_out_of_turn` and `echoes`: `messages = measured + states_out_of_turn +
-//!   states_of_wrong_size + changes + changes_out_of_turn + echoes`, and one more while a state
-//!   waits to be used;
+//!   states_of_wrong_size + changes + changes_out_of_turn + echoes`, one more for each quality of
+//!   channel estimates that was taken, and one more while a state waits to be used;
 //! * every slot is one of `measured` and `stale`: together they are the slots done.
 
 use serde::{Deserialize, Serialize};
@@ -107,9 +107,10 @@ pub struct SlotCounters {
     pub unheard_sensors: u32,
     /// Gains that were NaN, infinite, negative or above 1, summed over the slots.
     pub rejected_gains: u32,
-    /// Channel states that belonged to another slot, came twice or came too late.
+    /// Channel states that belonged to another slot, came twice or came too late, and qualities of
+    /// channel estimates that were older than the last one or of a slot to come.
     pub states_out_of_turn: u32,
-    /// Channel states with a wrong number of gains.
+    /// Channel states, and qualities of channel estimates, with a wrong number of entries.
     pub states_of_wrong_size: u32,
     /// Changes of the mission that were taken, which is the number of the last one.
     pub changes: u32,

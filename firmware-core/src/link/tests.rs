@@ -3,7 +3,10 @@
 use super::{frame::CHECKSUM, *};
 use crate::{
     Watt,
-    controller::{ChannelSource, ChannelState, DatedChange, Plan, SlotCommand},
+    controller::{
+        ChannelQuality, ChannelSource, ChannelState, DatedChange, Plan, SensorQuality, SlotCommand,
+        UserQuality,
+    },
     inner::*,
     mission::MissionChange,
     scalar::Position,
@@ -73,6 +76,8 @@ fn messages_survive_and_fit() {
         largest_command(),
         largest_state(),
         change(),
+        quality(),
+        largest_quality(),
     ] {
         let bytes = frame(&message);
         assert_eq!(receive(&bytes).0, [Ok(message)]);
@@ -113,6 +118,12 @@ fn the_format_is_stable() {
         [
             0, 6, 4, 4, 1, 172, 2, 2, 15, 1, 1, 1, 1, 1, 3, 240, 63, 1, 1, 1, 1, 1, 1, 6, 192, 139,
             204, 42, 219, 0
+        ]
+    );
+    assert_eq!(
+        frame(&quality()),
+        [
+            0, 6, 4, 6, 172, 2, 2, 3, 171, 2, 1, 7, 171, 25, 88, 141, 82, 111, 0
         ]
     );
 }
@@ -189,10 +200,37 @@ fn change() -> HostMessage {
     })
 }
 
+/// Of one user and one sensor that are known exactly, and one of each that are not.
+fn quality() -> HostMessage {
+    let known = |variance, phase| SensorQuality::new(variance, phase).expect("valid");
+    let user = |variance| UserQuality::new(variance).expect("valid");
+    Message::Quality(ChannelQuality {
+        slot: 300,
+        users: [user(0.0), user(0.1)].into_iter().collect(),
+        sensors: [known(0.0, 0.0), known(0.1, 0.3)].into_iter().collect(),
+    })
+}
+
+fn largest_quality() -> HostMessage {
+    let worst = SensorQuality::new(10.0, core::f64::consts::PI).expect("valid");
+    Message::Quality(ChannelQuality {
+        slot: u32::MAX,
+        users: (0..16)
+            .map(|_| UserQuality::new(10.0).expect("valid"))
+            .collect(),
+        sensors: (0..64).map(|_| worst).collect(),
+    })
+}
+
 /// The bound is the length of the longest message, not a guess above it: channel state, here.
 #[test]
 fn the_longest_frame_is_known() {
-    for message in [largest_command(), largest_state(), full_status()] {
+    for message in [
+        largest_command(),
+        largest_state(),
+        full_status(),
+        largest_quality(),
+    ] {
         assert!(frame(&message).len() <= FRAME_MAX);
     }
     // COBS may save two bytes in a bound of three; lengths below 128 take one byte, not three.

@@ -120,8 +120,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
         }
     }
 
-    /// Takes note of the quality of channel estimates. One that is taken has no counter: it is what
-    /// the sum of the counters lacks.
+    /// Takes note of the quality of channel estimates. One that is taken has no counter of its own.
     fn take_quality(&mut self, quality: &ChannelQuality<M, J>) {
         match self.controller.note_quality(quality) {
             Ok(()) => {}

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-//! Signatures of an onboard computer without a clock.
+//! Signatures of an onboard computer without a clock, and qualities of channels.
 
 use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType, SYSTEM_TIME_DATA,
@@ -16,7 +16,8 @@ use crate::{
             signing::{LinkSigning, Signer, SigningKey, SigningState, SigningTime},
         },
     },
-    controller::Controller,
+    controller::{ChannelQuality, Controller, SensorQuality, UserQuality},
+    link::{FRAME_MAX, Message, encode},
     policy::StraightLine,
     test_missions::table_one,
     time::Instant,
@@ -162,4 +163,44 @@ fn a_computer_without_a_key_has_no_state_and_ignores_the_date() {
     assert_eq!(computer.signing_state(), None);
     computer.sign_with(setup());
     assert_eq!(time(&computer), SigningTime::UNKNOWN);
+}
+
+/// A quality is in effect when it is received. One of a slot to come, one that is older, and one with
+/// a wrong number of entries are counted and ignored.
+#[test]
+fn the_quality_in_effect_is_the_last_one_of_the_right_size() {
+    type Quality = ChannelQuality<16, 64>;
+    let mut computer = computer(None);
+    let hear = |computer: &mut Computer, quality: &Quality| {
+        let message = Message::<f64, 16, 64>::Quality(quality.clone());
+        let mut buffer = [0; FRAME_MAX];
+        let frame = encode(&message, &mut buffer).expect("fits");
+        computer.receive_ground(Instant::from_micros(1), frame);
+        let slots = computer.status().slots;
+        (slots.states_out_of_turn, slots.states_of_wrong_size)
+    };
+    let mission = table_one::<f64>();
+    let of = |slot, variance| {
+        let user = UserQuality::new(variance).expect("valid");
+        let sensor = SensorQuality::new(variance, 0.1).expect("valid");
+        Quality::uniform(&mission, slot, user, sensor)
+    };
+    let first = of(1, 0.1);
+    assert_eq!(hear(&mut computer, &of(2, 0.2)), (1, 0));
+    assert!(computer.controller().quality().is_exact());
+    assert_eq!(hear(&mut computer, &first), (1, 0));
+    assert_eq!(computer.controller().quality(), &first);
+    assert_eq!(hear(&mut computer, &of(0, 0.3)), (2, 0));
+    let mut short = of(1, 0.3);
+    short.sensors.pop();
+    assert_eq!(hear(&mut computer, &short), (2, 1));
+    let mut long = of(1, 0.3);
+    long.users.push(UserQuality::default()).expect("space");
+    assert_eq!(hear(&mut computer, &long), (2, 2));
+    assert_eq!(computer.controller().quality(), &first);
+    // Another one of the same slot replaces it.
+    assert_eq!(hear(&mut computer, &of(1, 0.4)), (2, 2));
+    assert_eq!(computer.controller().quality(), &of(1, 0.4));
+    let status = computer.status();
+    assert_eq!((status.link.messages, status.slots.echoes), (6, 0));
 }

@@ -1,6 +1,6 @@
 use firmware_core::{
     Position, PowerGain, Watt,
-    controller::Controller,
+    controller::{Controller, SensorQuality, UserQuality},
     link::{FRAME_MAX, encode},
     mission::{Area, Environment, ExcessLoss, MissionParameters, RadioModel},
     policy::StraightLine,
@@ -150,6 +150,14 @@ fn what_the_ground_sends_is_counted_once() {
     bench.hear(&Message::ChannelState(state));
     bench.hear(&Message::ChannelState(good.clone()));
     bench.hear(&Message::ChannelState(good));
+    // Qualities: one that is taken, one of a slot to come, one that is too short.
+    for (slot, users) in [(1, USERS), (2, USERS), (1, USERS - 1)] {
+        bench.hear(&Message::Quality(ChannelQuality {
+            slot,
+            users: (0..users).map(|_| UserQuality::default()).collect(),
+            sensors: (0..SENSORS).map(|_| SensorQuality::default()).collect(),
+        }));
+    }
     // A piece that is not a frame, and one that is not complete.
     for &byte in &[0, 7, 7, 0, 0, 9] {
         bench.auditor.to_vehicle(&[byte]);
@@ -158,9 +166,9 @@ fn what_the_ground_sends_is_counted_once() {
     let status = bench.status();
     bench.say(&Message::Status(status)).unwrap();
     let slots = status.slots;
-    assert_eq!((slots.echoes, slots.states_out_of_turn), (1, 3));
-    assert_eq!((slots.states_of_wrong_size, slots.measured), (1, 0));
-    assert_eq!((status.link.messages, status.link.dropped()), (6, 1));
+    assert_eq!((slots.echoes, slots.states_out_of_turn), (1, 4));
+    assert_eq!((slots.states_of_wrong_size, slots.measured), (2, 0));
+    assert_eq!((status.link.messages, status.link.dropped()), (9, 1));
 }
 
 #[test]
@@ -199,6 +207,12 @@ fn each_broken_rule_is_a_violation() {
     let state = bench.state(&arrival);
     let state = bench.say(&Message::ChannelState(state));
     assert_eq!(state, Err(V::ChannelState { slot: 2 }));
+    let quality = ChannelQuality {
+        slot: 3,
+        ..ChannelQuality::default()
+    };
+    let quality = bench.say(&Message::Quality(quality));
+    assert_eq!(quality, Err(V::Quality { slot: 3 }));
     let mut status = bench.status();
     status.slots.echoes = 1;
     let miscounted = bench.say(&Message::Status(status));
