@@ -1,16 +1,22 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! Laws of a mission whose knowledge changes in flight: whatever changes, valid or not, every slot
-//! keeps its constraints, those who are there are treated fairly, and nothing panics.
+//! keeps its constraints, those who are there are treated fairly, and nothing panics. All of it also
+//! holds where channels are known up to errors whose statistics change, in expectation.
 
 #[path = "../src/test_missions.rs"]
 mod test_missions;
 
 use firmware_core::{
     Mission, Position, PowerGain, Scalar, Watt, aircomp,
-    controller::{ChannelState, Controller, DatedChange, SlotCommand},
+    controller::{
+        ChannelQuality, ChannelState, Controller, DatedChange, SensorQuality, SlotCommand,
+        UserQuality,
+    },
+    inner::{LimitedBy, Status},
     mission::{Area, MissionChange, MissionParameters, rounding_m},
     planner::{Capacity, Planner},
     policy::{Policy, StraightLine},
+    uncertainty::Uncertainty,
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -69,7 +75,7 @@ fn change<T: Scalar>(random: &mut Pcg64Mcg) -> MissionChange<T> {
 /// there.
 fn check_command<T: Scalar>(
     mission: &Mission<T, M, J>,
-    state: &ChannelState<T, M, J>,
+    known: Known<'_, T>,
     command: &SlotCommand<T, J>,
 ) {
     command.check(mission).expect("keeps the rules");
@@ -79,21 +85,23 @@ fn check_command<T: Scalar>(
     for (sensor, &coefficient) in coefficients.iter().enumerate() {
         assert!(mission.has_sensor(sensor) || coefficient == T::zero());
     }
-    let mse = true_mse(mission, state, command);
-    let difference = (mse - command.mse).abs();
-    assert!(
-        difference <= command.mse * T::of(1e-4),
-        "{mse} {}",
-        command.mse
-    );
+    let (mse, rate) = expected(mission, known, command);
+    for (expected, stated) in [(mse, command.mse), (rate, command.rate)] {
+        let difference = (expected - stated).abs();
+        assert!(difference <= stated * T::of(1e-4), "{expected} {stated}");
+    }
 }
 
-/// Returns the MSE over the sensors that are there, at the gains of a state.
-fn true_mse<T: Scalar>(
+/// A channel state and its quality.
+type Known<'a, T> = (&'a ChannelState<T, M, J>, &'a ChannelQuality<M, J>);
+
+/// Returns expected MSE and achievable rate over the sensors that are there, for a state of some
+/// quality.
+fn expected<T: Scalar>(
     mission: &Mission<T, M, J>,
-    state: &ChannelState<T, M, J>,
+    (state, quality): Known<'_, T>,
     command: &SlotCommand<T, J>,
-) -> T {
+) -> (T, T) {
     let coefficients = &command.sensor_coefficients;
     let present = mission.sensors().map(|(sensor, _)| sensor);
     let gains: Vec<PowerGain<T>> = present.clone().map(|j| state.sensor_gains[j]).collect();
@@ -107,7 +115,43 @@ fn true_mse<T: Scalar>(
         user_power: command.user_power,
         noise_power: mission.parameters().noise_power,
     };
-    slot.mse(command.normalizing_factor)
+    let sensors: Vec<_> = (mission.sensors())
+        .map(|(j, _)| quality.sensor(j).uncertainty::<T>())
+        .collect();
+    let user = command.served_user.unwrap_or(0);
+    let errors = Uncertainty::<T, J>::new(&sensors, quality.user(user).error_variance());
+    let errors = errors.expect("valid statistics");
+    (
+        slot.expected_mse(&errors.of_slot(), command.normalizing_factor),
+        slot.achievable_rate(&errors.of_slot()),
+    )
+}
+
+/// A quality for a slot, with errors of about every second node; for any number of nodes once in a
+/// while, which is refused.
+fn draw_quality<T: Scalar>(
+    mission: &Mission<T, M, J>,
+    slot: u32,
+    random: &mut Pcg64Mcg,
+) -> ChannelQuality<M, J> {
+    let largest = [0.0, 0.01, 0.1, 1.0][random.random_range(0..4)];
+    let mut error = || match random.random_bool(0.5) {
+        true => random.random_range(0.0..=largest),
+        false => 0.0,
+    };
+    let mut quality = ChannelQuality {
+        slot,
+        users: (0..mission.user_count())
+            .map(|_| UserQuality::new(error()).expect("valid"))
+            .collect(),
+        sensors: (0..mission.sensor_count())
+            .map(|_| SensorQuality::new(error(), error()).expect("valid"))
+            .collect(),
+    };
+    if random.random_bool(0.05) {
+        quality.users.truncate(random.random_range(0..=M));
+    }
+    quality
 }
 
 /// What a flight has shown.
@@ -117,13 +161,21 @@ struct Seen {
     refused: u32,
     joined: u32,
     out_of_reach: u32,
+    /// Slots with an error floor above `Gamma`, without enough power, limited by either, and with a
+    /// guarantee.
+    error_floor: u32,
+    infeasible: u32,
+    optimal: u32,
+    guaranteed: u32,
 }
 
 fn fly<T: Scalar>(
     policy: impl FnOnce(&Mission<T, M, J>) -> Box<dyn Policy<T, M>>,
     random: &mut Pcg64Mcg,
+    with_errors: bool,
     seen: &mut Seen,
 ) {
+    let mut known = ChannelQuality::default();
     let mission = mission::<T>(random);
     let users_before = mission.user_count();
     let mut controller = Controller::new(mission.clone(), BoxedPolicy(policy(&mission)));
@@ -153,18 +205,42 @@ fn fly<T: Scalar>(
         assert!(quality.is_none_or(|quality| quality.value.is_finite()));
         let state = ChannelState::predicted(controller.mission(), plan.slot, &here);
         let before = controller.mission().clone();
+        if with_errors && random.random_bool(0.3) {
+            let noted = draw_quality(&before, plan.slot, random);
+            let fits = noted.users.len() == before.user_count();
+            assert_eq!(controller.note_quality(&noted).is_ok(), fits);
+            if fits {
+                known = noted;
+            }
+        }
+        let mut see = |status: Status<T>| match status {
+            Status::ErrorFloor { .. } => seen.error_floor += 1,
+            Status::Infeasible { .. } => seen.infeasible += 1,
+            Status::Optimal {
+                limited_by: LimitedBy::Accuracy | LimitedBy::Power,
+            } => seen.optimal += 1,
+            Status::Guaranteed { .. } => seen.guaranteed += 1,
+            _ => {}
+        };
         if random.random_range(0..4) == 0 {
             // The state is lost. What is promised without it holds at the true gains, wherever users
             // and sensors have moved to.
             let command = controller.allocate_predicted(&here).expect("finite");
             command.check(&before).expect("keeps the rules");
             let promised = command.mse;
-            let mse = true_mse(&before, &state, &command);
+            let (mse, rate) = expected(&before, (&state, &known), &command);
             assert!(mse <= promised * T::of(1.0 + 1e-4), "{mse} {promised}");
+            assert!(
+                rate >= command.rate * T::of(1.0 - 1e-4),
+                "{rate} {}",
+                command.rate
+            );
+            see(command.status);
             continue;
         }
         let command = controller.allocate(&state).expect("under way");
-        check_command(&before, &state, &command);
+        check_command(&before, (&state, &known), &command);
+        see(command.status);
     }
     // The last change may have taken the slots that were left.
     let slots_left = controller.mission().slots() - controller.slots_done();
@@ -234,10 +310,10 @@ fn whatever_changes_the_constraints_hold() {
     let mut random = Pcg64Mcg::seed_from_u64(16);
     let mut seen = Seen::default();
     for _ in 0..300 {
-        fly::<f64>(with_planner, &mut random, &mut seen);
-        fly::<f32>(with_planner, &mut random, &mut seen);
-        fly::<f64>(with_straight_line, &mut random, &mut seen);
-        fly::<f32>(with_straight_line, &mut random, &mut seen);
+        fly::<f64>(with_planner, &mut random, false, &mut seen);
+        fly::<f32>(with_planner, &mut random, false, &mut seen);
+        fly::<f64>(with_straight_line, &mut random, false, &mut seen);
+        fly::<f32>(with_straight_line, &mut random, false, &mut seen);
     }
     // The flights have shown what they are meant to show.
     assert!(
@@ -252,4 +328,31 @@ fn whatever_changes_the_constraints_hold() {
         seen.refused
     );
     assert!(seen.out_of_reach < 1_000, "{}", seen.out_of_reach);
+}
+
+/// The same with statistics of errors, which follow users and sensors wherever these are in the lists.
+#[test]
+fn whatever_changes_the_constraints_hold_in_expectation() {
+    let mut random = Pcg64Mcg::seed_from_u64(17);
+    let mut seen = Seen::default();
+    for _ in 0..300 {
+        fly::<f64>(with_planner, &mut random, true, &mut seen);
+        fly::<f32>(with_straight_line, &mut random, true, &mut seen);
+    }
+    assert!(seen.changes > 2_500 && seen.joined > 50);
+    for slots in [
+        seen.error_floor,
+        seen.infeasible,
+        seen.optimal,
+        seen.guaranteed,
+    ] {
+        assert!(
+            slots > 100,
+            "{} {} {} {}",
+            seen.error_floor,
+            seen.infeasible,
+            seen.optimal,
+            seen.guaranteed
+        );
+    }
 }

@@ -6,13 +6,18 @@ use heapless::Vec;
 use super::{
     aging::LastState,
     exchange::{ChannelSource, ChannelState, Plan, SlotCommand},
+    quality::ChannelQuality,
 };
 use crate::{
     collect::collect_first,
-    inner::{SlotAllocation, SlotLimits, SlotSolver, Workspace},
+    inner::{
+        SlotAllocation, SlotError, SlotLimits, SlotSolver, UncertainWorkspace, Workspace,
+        bounded::{GainBounds, Guarantee},
+    },
     mission::{Mission, MissionChange},
     scalar::{Position, Scalar},
     shield::Fairness,
+    uncertainty::SlotUncertainty,
     units::PowerGain,
 };
 
@@ -47,10 +52,10 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
     }
 
     /// Returns the command of a slot with this channel state, which has one gain per user and
-    /// sensor.
+    /// sensor, of this quality.
     pub(super) fn measured(
         &mut self,
-        mission: &Mission<T, M, J>,
+        (mission, quality): (&Mission<T, M, J>, &ChannelQuality<M, J>),
         fairness: &Fairness<M>,
         plan: &Plan<T>,
         state: &ChannelState<T, M, J>,
@@ -80,12 +85,16 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
         let coefficients = &mut command.sensor_coefficients;
         // A valid mission and valid gains make a valid slot problem, so no error can occur here. If
         // one did, nobody would transmit.
-        let allocation = self
-            .workspace
-            .sensors_of_amplitude(&self.limits, &amplitude_gains)
-            .and_then(|field| {
-                field.allocate(&self.solver, &amplitude_gains, user_gain, coefficients)
-            });
+        let allocation = if quality.is_exact() {
+            self.workspace
+                .sensors_of_amplitude(&self.limits, &amplitude_gains)
+                .and_then(|field| {
+                    field.allocate(&self.solver, &amplitude_gains, user_gain, coefficients)
+                })
+        } else {
+            let user = served_user.zip(user_gain);
+            self.allocate_uncertain((mission, quality), &amplitude_gains, user, coefficients)
+        };
         debug_assert!(allocation.is_ok(), "{allocation:?}");
         if let Ok(SlotAllocation { solution, mse }) = allocation {
             command.user_power = solution.user_power;
@@ -100,11 +109,34 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
         command
     }
 
+    /// Solves a slot with error statistics, for the expected MSE and an achievable rate. `user` is the
+    /// served user with its gain.
+    ///
+    /// Statistics and workspace are on the stack of this function alone: a flight with exactly known
+    /// channels does not need their memory.
+    #[inline(never)]
+    fn allocate_uncertain(
+        &self,
+        (mission, quality): (&Mission<T, M, J>, &ChannelQuality<M, J>),
+        amplitude_gains: &[T],
+        user: Option<(usize, PowerGain<T>)>,
+        coefficients: &mut [T],
+    ) -> Result<SlotAllocation<T>, SlotError<T>> {
+        let mut workspace = UncertainWorkspace::<T, J>::default();
+        let statistics = quality.statistics::<T>(present_sensors(mission));
+        let user_error_variance = user_error_variance(quality, user.map(|(user, _)| user));
+        let uncertainty = SlotUncertainty::new(&statistics, user_error_variance)?;
+        let gain = user.map(|(_, gain)| gain);
+        workspace
+            .sensors_of_amplitude(&self.limits, amplitude_gains, &uncertainty)?
+            .allocate(&self.solver, amplitude_gains, gain, coefficients)
+    }
+
     /// Returns the command of a slot without a channel state: from the last one, aged, and the
     /// channel model at the measured position. The solver is not used.
     pub(super) fn predicted(
         &mut self,
-        mission: &Mission<T, M, J>,
+        (mission, quality): (&Mission<T, M, J>, &ChannelQuality<M, J>),
         fairness: &Fairness<M>,
         plan: &Plan<T>,
         measured: &Position<T>,
@@ -114,8 +146,6 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
         let served_user = recipient(mission, fairness, plan.served_user, gain);
         let user = served_user.and_then(|user| state.users.get(user).copied());
         let sensors: Vec<_, J> = collect_first(mission.of_sensors(&state.sensors).copied());
-        let guarantee = self.workspace.guarantee(&self.limits, &sensors, user);
-        debug_assert!(guarantee.is_ok(), "{guarantee:?}");
         let mut command = SlotCommand {
             served_user,
             source: ChannelSource::Predicted,
@@ -123,19 +153,53 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
             unheard_sensors: count_unheard(sensors.iter().map(|gain| gain.least.0)),
             ..SlotCommand::silent(plan.slot, state.sensors.len())
         };
+        let coefficients = &mut command.sensor_coefficients;
+        let guarantee = if quality.is_exact() {
+            let guarantee = self.workspace.guarantee(&self.limits, &sensors, user);
+            guarantee.inspect(|guarantee| {
+                for (coefficient, gain) in coefficients.iter_mut().zip(&sensors) {
+                    *coefficient = guarantee.coefficient(gain);
+                }
+            })
+        } else {
+            let user = served_user.zip(user);
+            self.guarantee_uncertain((mission, quality), &sensors, user, coefficients)
+        };
+        debug_assert!(guarantee.is_ok(), "{guarantee:?}");
         if let Ok(guarantee) = guarantee {
             command.user_power = guarantee.user_power;
             command.normalizing_factor = guarantee.normalizing_factor;
             command.rate = guarantee.rate;
             command.mse = guarantee.mse;
             command.status = guarantee.status;
-            let coefficients = &mut command.sensor_coefficients;
-            for (coefficient, gain) in coefficients.iter_mut().zip(&sensors) {
-                *coefficient = guarantee.coefficient(gain);
-            }
-            mission.spread_to_sensors(coefficients, T::zero());
+            mission.spread_to_sensors(&mut command.sensor_coefficients, T::zero());
         }
         command
+    }
+
+    /// Returns the guarantee for estimates within bounds and with error statistics, and writes the
+    /// coefficients. `user` is the served user with its bounds. Memory: as
+    /// [`allocate_uncertain`](Self::allocate_uncertain).
+    #[inline(never)]
+    fn guarantee_uncertain(
+        &self,
+        (mission, quality): (&Mission<T, M, J>, &ChannelQuality<M, J>),
+        sensors: &[GainBounds<T>],
+        user: Option<(usize, GainBounds<T>)>,
+        coefficients: &mut [T],
+    ) -> Result<Guarantee<T>, SlotError<T>> {
+        let mut workspace = UncertainWorkspace::<T, J>::default();
+        let statistics = quality.statistics::<T>(present_sensors(mission));
+        let user_error_variance = user_error_variance(quality, user.map(|(user, _)| user));
+        let uncertainty = SlotUncertainty::new(&statistics, user_error_variance)?;
+        let gain = user.map(|(_, gain)| gain);
+        let guarantee = workspace.guarantee(&self.limits, sensors, gain, &uncertainty)?;
+        for (coefficient, (gain, sensor)) in
+            coefficients.iter_mut().zip(sensors.iter().zip(&statistics))
+        {
+            *coefficient = guarantee.uncertain_coefficient(gain, sensor);
+        }
+        Ok(guarantee)
     }
 
     /// Returns the admissible user with the highest rate over `waypoint` according to the channel
@@ -154,6 +218,21 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
     }
 }
 
+/// Returns the numbers of the sensors that have not left.
+fn present_sensors<T: Scalar, const M: usize, const J: usize>(
+    mission: &Mission<T, M, J>,
+) -> impl Iterator<Item = usize> {
+    (0..mission.sensor_count()).filter(|&sensor| mission.has_sensor(sensor))
+}
+
+/// Returns the error variance of the served user's channel, relative to its power gain.
+fn user_error_variance<T: Scalar, const M: usize, const J: usize>(
+    quality: &ChannelQuality<M, J>,
+    user: Option<usize>,
+) -> T {
+    user.map_or(T::zero(), |user| quality.user(user).error_variance())
+}
+
 /// Returns the user to serve: the planned user if it is heard, otherwise the user with the highest
 /// gain, an admissible one if possible. (Serving an inadmissible one costs the others nothing:
 /// otherwise the slot would not be used.) Returns `None` where no user is heard.
@@ -167,7 +246,8 @@ fn recipient<T: Scalar, const M: usize, const J: usize>(
     if heard(planned) {
         return Some(planned);
     }
-    // The rate rises with the gain, whatever the sensors do.
+    // The rate rises with the gain, whatever the sensors do. (Users that are known with different
+    // quality are not distinguished here.)
     let admissible = fairness.best(&gain).filter(|&user| heard(user));
     admissible.or_else(|| {
         let users = (0..mission.user_count()).filter(|&user| heard(user));

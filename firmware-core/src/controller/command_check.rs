@@ -71,7 +71,8 @@ pub enum CommandError<T: fmt::Display> {
 impl<T: Scalar, const J: usize> SlotCommand<T, J> {
     /// Checks that the command keeps the rules of its mission: slot and user exist, every number is
     /// finite and not negative, powers are within their limits, a user transmits only where it is
-    /// served in a feasible slot, and the MSE of a feasible slot is at most `Gamma`, up to
+    /// served in a feasible slot, and the MSE of a feasible slot, in expectation where channels are not
+    /// known exactly, is at most `Gamma`, up to
     /// [`CONSTRAINT_TOLERANCE`](crate::scalar::Limits::CONSTRAINT_TOLERANCE). Worst case: one pass
     /// over the coefficients.
     ///

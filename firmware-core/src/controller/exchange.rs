@@ -95,12 +95,14 @@ pub struct SlotCommand<T: Scalar, const J: usize> {
     pub sensor_coefficients: Vec<T, J>,
     /// `eta`, one over square root of watts.
     pub normalizing_factor: T,
-    /// `R_n`, bit/s/Hz; the smallest rate where gains are known within bounds only.
+    /// `R_n`, bit/s/Hz: one that can be achieved where the gains have errors
+    /// ([`ChannelQuality`](super::ChannelQuality)); the smallest rate where they are known within bounds only.
     pub rate: T,
-    /// `MSE_n` with these powers, coefficients and `eta`; the largest MSE where gains are known
-    /// within bounds only.
+    /// `MSE_n` with these powers, coefficients and `eta`: its expectation where the gains have errors;
+    /// the largest MSE where they are known within bounds only.
     pub mse: T,
-    /// The status of the slot problem's solution.
+    /// The status of the slot problem's solution. [`Status::ErrorFloor`] says that the gains are not
+    /// known well enough for `Gamma`, whatever the powers.
     pub status: Status<T>,
     /// The origin of the gains.
     pub source: ChannelSource,

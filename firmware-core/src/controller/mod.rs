@@ -18,6 +18,10 @@
 //! one, whose gains are then known within bounds that widen with its age, and the command states
 //! that age.
 //!
+//! Gains are estimates. Their error statistics come from the ground as a [`ChannelQuality`]
+//! ([`note_quality`](Controller::note_quality)). With any, MSE and rate of a command are the expected MSE and an
+//! achievable rate ([`uncertainty`](crate::uncertainty)), and so is what is guaranteed without a state.
+//!
 //! ```
 //! use firmware_core::{
 //!     Mission, Position,
@@ -51,7 +55,8 @@
 //!
 //! Worst case per slot: `plan` is the policy plus 29 shield candidates; `allocate` is `M + J`
 //! checks and one slot solution, `O(J log J)` by the default [`ExactSolver`]; `allocate_predicted` is `3
-//! (M + J)` gains of the channel model and one guarantee.
+//! (M + J)` gains of the channel model and one guarantee. With error statistics each of the two
+//! has in addition at most `2 J + 1` exponential functions, and a workspace on the stack.
 
 mod aging;
 mod allocator;
@@ -222,11 +227,11 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
             });
         }
         self.check_sizes(quality.users.len(), quality.sensors.len())?;
-        self.quality.clone_from(quality);
+        self.quality.replace(quality);
         Ok(())
     }
 
-    /// Returns the quality of the channel estimates in effect.
+    /// Returns the quality of the channel estimates in effect, without entries where all are exact.
     pub fn quality(&self) -> &ChannelQuality<M, J> {
         &self.quality
     }
@@ -350,7 +355,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
         state: &ChannelState<T, M, J>,
     ) -> Result<SlotCommand<T, J>, ControllerError> {
         let plan = self.check_state(state)?;
-        let command = (self.allocator).measured(&self.mission, &self.fairness, &plan, state);
+        let known = (&self.mission, &self.quality);
+        let command = (self.allocator).measured(known, &self.fairness, &plan, state);
         self.finish(&command);
         Ok(command)
     }
@@ -370,7 +376,8 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
             return Err(ControllerError::PositionNotFinite);
         }
         let plan = self.planned()?;
-        let command = (self.allocator).predicted(&self.mission, &self.fairness, &plan, measured);
+        let known = (&self.mission, &self.quality);
+        let command = (self.allocator).predicted(known, &self.fairness, &plan, measured);
         self.finish(&command);
         Ok(command)
     }

@@ -3,7 +3,7 @@
 
 use core::{error::Error, fmt};
 
-use crate::{scalar::Scalar, units::PowerGain};
+use crate::{scalar::Scalar, uncertainty::UncertaintyError, units::PowerGain};
 
 /// Error returned for input that is not a slot problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,9 +24,9 @@ pub enum SlotError<T: fmt::Display> {
         /// The gain.
         value: T,
     },
-    /// A limit is out of its range.
+    /// A limit or an error statistic is out of its range.
     OutOfRange {
-        /// The name of the limit.
+        /// The name of the number.
         field: &'static str,
         /// The invalid value.
         value: T,
@@ -84,6 +84,26 @@ impl<T: fmt::Display> fmt::Display for SlotError<T> {
 }
 
 impl<T: fmt::Debug + fmt::Display> Error for SlotError<T> {}
+
+impl<T: Scalar> From<UncertaintyError<T>> for SlotError<T> {
+    fn from(error: UncertaintyError<T>) -> Self {
+        match error {
+            UncertaintyError::OutOfRange {
+                field,
+                value,
+                expected,
+                ..
+            } => Self::OutOfRange {
+                field,
+                value,
+                expected,
+            },
+            UncertaintyError::TooManySensors { sensors, capacity } => {
+                Self::TooManySensors { sensors, capacity }
+            }
+        }
+    }
+}
 
 impl<T: Scalar> SlotError<T> {
     /// Returns the gain of the user to serve, 0 for nobody, or an error if the gain is invalid.

@@ -1,8 +1,9 @@
-//! The rules for a command and the channel state that it was computed from.
+//! The rules for a command and the channel state, with its quality, that it was computed from.
 
 use firmware_core::{
     Mission, PowerGain, Scalar, Watt, aircomp,
-    controller::{ChannelState, SlotCommand},
+    controller::{ChannelQuality, ChannelState, SlotCommand},
+    uncertainty::SlotUncertainty,
 };
 
 use super::violation::Violation;
@@ -10,11 +11,11 @@ use super::violation::Violation;
 /// The tolerance of a promised MSE, in multiples of the precision's constraint tolerance.
 const MSE_ROUNDING: f64 = 10.0;
 
-/// Checks a command against the state that it was computed from.
+/// Checks a command against the state that it was computed from, and the quality of that.
 pub(super) fn check_against_state<T: Scalar, const M: usize, const J: usize>(
     mission: &Mission<T, M, J>,
     command: &SlotCommand<T, J>,
-    state: &ChannelState<T, M, J>,
+    (state, quality): (&ChannelState<T, M, J>, &ChannelQuality<M, J>),
 ) -> Result<(), Violation<T>> {
     let slot = command.slot;
     let gains = || state.user_gains.iter().chain(&state.sensor_gains);
@@ -54,7 +55,16 @@ pub(super) fn check_against_state<T: Scalar, const M: usize, const J: usize>(
         user_power: Watt(command.user_power.0.to_f64()),
         noise_power: Watt(mission.parameters().noise_power.0.to_f64()),
     };
-    let mse = at_state.mse(command.normalizing_factor.to_f64());
+    let eta = command.normalizing_factor.to_f64();
+    let present = (0..mission.sensor_count()).filter(|&sensor| mission.has_sensor(sensor));
+    let sensors: Vec<_> = present.map(|j| quality.sensor(j).uncertainty()).collect();
+    let user_error_variance =
+        (command.served_user).map_or(0.0, |m| quality.user(m).error_variance());
+    let mse = match SlotUncertainty::new(&sensors, user_error_variance) {
+        Ok(uncertainty) => at_state.expected_mse(&uncertainty, eta),
+        // No quality states a variance that is not one.
+        Err(_) => f64::NAN,
+    };
     let promised = command.mse.to_f64();
     let tolerance = MSE_ROUNDING * T::CONSTRAINT_TOLERANCE.to_f64();
     if mse <= promised * (1.0 + tolerance) {

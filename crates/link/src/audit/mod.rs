@@ -11,7 +11,7 @@
 //! | frames | be whole, and of the kinds that a vehicle sends |
 //! | arrivals | be about the next slot, or the same arrival again while its command is missing |
 //! | commands | follow the arrival of their slot and [keep every limit](firmware_core::controller::SlotCommand::check) of the mission |
-//! | commands from a state that was received | state the rejected gains and the unheard sensors, give no power to the latter, serve a user that is heard if there is one, and keep the promised MSE at these gains |
+//! | commands from a state that was received | state the rejected gains and the unheard sensors, give no power to the latter, serve a user that is heard if there is one, and keep the promised MSE at these gains, in expectation where the quality of the state says that they are not exact |
 //! | other commands | say that they are from an aged state |
 //! | changes | be taken in turn, and have their effect in their slot |
 //! | counters | be those that follow from these bytes: each piece, message, state and slot is counted once |
@@ -324,7 +324,9 @@ impl<T: Scalar, const M: usize, const J: usize> LinkAuditor<T, M, J> {
             });
         }
         match &awaited.state {
-            Some(state) => check_against_state(&self.mission, &command, state)?,
+            Some(state) => {
+                check_against_state(&self.mission, &command, (state, &self.quality))?;
+            }
             None => check_count(slot, "rejected gains", command.rejected_gains, 0)?,
         }
         let counters = &mut self.expected.slots;

@@ -103,7 +103,8 @@ pub enum Violation<T: Scalar> {
         /// The served user.
         user: Option<usize>,
     },
-    /// The MSE at the gains of the state is above the MSE of the command.
+    /// The MSE at the gains of the state, or its expectation where these are not exact, is above the MSE
+    /// of the command.
     #[error("slot {slot}: the MSE is {mse}, but {promised} was promised")]
     Mse {
         /// The slot.
