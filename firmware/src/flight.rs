@@ -31,7 +31,7 @@ use crate::{
 pub type Computer = BoardComputer<&'static [u8], &'static mut StaticPlanner>;
 
 /// The size of the computer is known.
-const _: () = assert!(size_of::<Computer>() <= 11_600);
+const _: () = assert!(size_of::<Computer>() <= 11_760);
 
 /// Bytes taken from a line at a time.
 const PIECE: usize = 64;

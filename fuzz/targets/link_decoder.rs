@@ -8,15 +8,16 @@ use std::sync::LazyLock;
 use ::link::audit::LinkAuditor;
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
-    time::Tick,
-    controller::{ChannelState, Controller},
+    controller::{ChannelQuality, ChannelState, Controller},
     link::{self, Arrival, Decoder, FRAME_MAX, Message, PROTOCOL_VERSION, frame_max},
     policy::StraightLine,
+    time::Tick,
 };
 use libfuzzer_sys::fuzz_target;
 use scenario::Scenario;
 
 type HostMessage = Message<f64, USERS_MAX, SENSORS_MAX>;
+type HostQuality = ChannelQuality<USERS_MAX, SENSORS_MAX>;
 
 static SCENARIO: LazyLock<Scenario> =
     LazyLock::new(|| Scenario::shipped("separated").expect("shipped"));
@@ -48,14 +49,25 @@ fn receive(bytes: &[u8]) {
     let mut wide = Decoder::<FRAME_MAX>::new();
     // A receiver of fewer users and sensors, in single precision: what is too long for it is dropped.
     let mut narrow = Decoder::<{ frame_max::<f32>(2, 3) }>::new();
+    let mut quality = HostQuality::default();
     for &byte in bytes {
         let _ = narrow.push::<f32, 2, 3>(byte);
         let outcome: Option<Result<HostMessage, _>> = wide.push(byte);
         if let Some(Ok(message)) = outcome {
             // What was understood can be said again.
             frame(&message);
-            if let Message::ChannelState(state) = message {
-                allocate(state);
+            match message {
+                Message::ChannelState(state) => allocate(state, &quality),
+                Message::Quality(noted) => {
+                    quality = noted;
+                    let state = ChannelState::predicted(
+                        &SCENARIO.mission,
+                        1,
+                        &SCENARIO.mission.parameters().start,
+                    );
+                    allocate(state, &quality);
+                }
+                _ => {}
             }
         }
     }
@@ -72,8 +84,9 @@ fn frame(message: &HostMessage) -> Vec<u8> {
     frame.expect("every message fits").to_vec()
 }
 
-/// The state for slot 1, or as much of it as fits, then a slot without any.
-fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>) {
+/// The quality, or as much of it as fits, and the state for slot 1, or as much of it as fits, then a
+/// slot without a state.
+fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>, quality: &HostQuality) {
     let mission = &SCENARIO.mission;
     state.slot = 1;
     let mut auditor = LinkAuditor::new(mission.clone());
@@ -92,6 +105,26 @@ fn allocate(mut state: ChannelState<f64, USERS_MAX, SENSORS_MAX>) {
     };
     let plan = controller.plan(position).expect("at rest");
     say(&mut auditor, arrival(plan));
+    let mut note = |controller: &mut Controller<_, _>, quality: &HostQuality| {
+        auditor.to_vehicle(&frame(&Message::Quality(quality.clone())));
+        controller.note_quality(quality).is_ok()
+    };
+    if !note(&mut controller, quality) {
+        // As if it had had every entry: the ones it has, over and over.
+        let (users, sensors) = (quality.users.iter(), quality.sensors.iter());
+        let _ = note(
+            &mut controller,
+            &HostQuality {
+                slot: 1,
+                users: users.cycle().take(mission.user_count()).copied().collect(),
+                sensors: sensors
+                    .cycle()
+                    .take(mission.sensor_count())
+                    .copied()
+                    .collect(),
+            },
+        );
+    }
     let hear = |auditor: &mut LinkAuditor<f64>, state: &ChannelState<f64, _, _>| {
         auditor.to_vehicle(&frame(&Message::ChannelState(state.clone())));
     };
