@@ -107,6 +107,7 @@ const PROBES: [Probe; 36] = [
         "`Controller::allocate_predicted`",
     ),
     single("controller_change", "`Controller::note_change`"),
+    single("controller_quality", "`Controller::note_quality`"),
     gated(
         "controller_exact",
         "a whole controller with the exact solver: `Controller::new`, `Controller::plan`, `Controller::allocate`",

@@ -65,11 +65,11 @@ pub(super) struct Measuring<T: Scalar> {
 /// type Computer<const M: usize, const J: usize, const F: usize> =
 ///     Onboard<f32, StraightLine<f32, M>, M, J, ExactSolver, F>;
 ///
-/// about(9_320, size_of::<Computer<4, 8, { secure_frame_max::<f32>(4, 8) }>>());
-/// about(11_840, size_of::<Computer<16, 64, { secure_frame_max::<f32>(16, 64) }>>());
-/// about(58_160, size_of::<Computer<256, 1024, { secure_frame_max::<f32>(256, 1024) }>>());
+/// about(9_370, size_of::<Computer<4, 8, { secure_frame_max::<f32>(4, 8) }>>());
+/// about(12_010, size_of::<Computer<16, 64, { secure_frame_max::<f32>(16, 64) }>>());
+/// about(60_490, size_of::<Computer<256, 1024, { secure_frame_max::<f32>(256, 1024) }>>());
 /// // The default: frames for double precision.
-/// about(12_140, size_of::<Onboard<f32, StraightLine<f32, 16>>>());
+/// about(12_310, size_of::<Onboard<f32, StraightLine<f32, 16>>>());
 /// ```
 #[derive(Debug)]
 pub struct Onboard<
