@@ -53,6 +53,7 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
 
     /// Returns the command of a slot with this channel state, which has one gain per user and
     /// sensor, of this quality.
+    #[inline(never)] // so that its frame and that of `predicted` are not both on the stack
     pub(super) fn measured(
         &mut self,
         (mission, quality): (&Mission<T, M, J>, &ChannelQuality<M, J>),
@@ -134,6 +135,7 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
 
     /// Returns the command of a slot without a channel state: from the last one, aged, and the
     /// channel model at the measured position. The solver is not used.
+    #[inline(never)]
     pub(super) fn predicted(
         &mut self,
         (mission, quality): (&Mission<T, M, J>, &ChannelQuality<M, J>),

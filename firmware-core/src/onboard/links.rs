@@ -121,6 +121,7 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
     }
 
     /// Takes note of the quality of channel estimates. One that is taken has no counter of its own.
+    #[inline(never)] // so that its copies are not in the frame of every message
     fn take_quality(&mut self, quality: &ChannelQuality<M, J>) {
         match self.controller.note_quality(quality) {
             Ok(()) => {}
