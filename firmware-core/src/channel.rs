@@ -35,7 +35,7 @@ use aerial::AerialModel;
 pub const SPEED_OF_LIGHT_MPS: f64 = 299_792_458.0;
 
 /// A node on the ground.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum GroundNode {
     /// The user with this number.
     User(usize),

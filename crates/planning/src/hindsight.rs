@@ -16,6 +16,9 @@ use crate::{
 /// The spacings down to which all paths, and the best of them, are improved, metres.
 const COARSEST_M: f64 = 3.0;
 const FINEST_M: f64 = 0.5;
+/// The number of versions of the mission for which paths are planned, at most: users that walk make
+/// a new version in nearly every slot.
+const VERSIONS_MAX: usize = 6;
 /// The number of paths that are improved to the end.
 const FINALISTS: usize = 2;
 
@@ -48,13 +51,19 @@ fn first_paths(timeline: &Timeline, flown: &[Position<f64>]) -> Vec<Vec<Position
     let slots = timeline.at_end().slots() as usize;
     let mut paths = vec![flown.to_vec()];
     let mut planned = Vec::new();
-    for (_, version) in timeline.versions() {
+    let versions = timeline.versions();
+    let last = versions.len() - 1;
+    let chosen = last.min(VERSIONS_MAX - 1);
+    let versions: Vec<_> = (0..=chosen)
+        .map(|index| &versions[index * last / chosen.max(1)])
+        .collect();
+    for (_, version) in &versions {
         if let Ok(plan) = planner::plan(version, |_| {}) {
             planned.push(plan.waypoints);
         }
     }
     if let [first, .., last] = planned.as_slice() {
-        for (from_slot, _) in &timeline.versions()[1..] {
+        for (from_slot, _) in &versions[1..] {
             for spread in [1.0, 5.0, 10.0] {
                 let blend = (0..slots).map(|index| {
                     let after = (index as f64 + 1.0 - f64::from(*from_slot)) / spread;

@@ -26,11 +26,11 @@ use firmware_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use files::input::LONGEST_BYTES;
+use files::{PerNode, input::LONGEST_BYTES};
 
 use crate::{
     conic,
-    uncertainty::{PerSensor, given, sensor_statistics},
+    uncertainty::{given, sensor_statistics},
 };
 
 /// The method that solves a problem.
@@ -86,14 +86,14 @@ pub struct Problem {
         deserialize_with = "given",
         skip_serializing_if = "Option::is_none"
     )]
-    pub sensor_error_variance: Option<PerSensor>,
+    pub sensor_error_variance: Option<PerNode>,
     /// The standard deviation of the Gaussian phase error of each sensor's signal, rad; 0 if absent.
     #[serde(
         default,
         deserialize_with = "given",
         skip_serializing_if = "Option::is_none"
     )]
-    pub sensor_phase_error_rad: Option<PerSensor>,
+    pub sensor_phase_error_rad: Option<PerNode>,
     /// The variance of the user's channel error, relative to its gain; 0 if absent.
     #[serde(
         default,

@@ -1,71 +1,11 @@
 //! The error statistics of a slot problem, as written in a line: numbers for all sensors or lists.
 
-use std::fmt;
-
+use files::PerNode;
 use firmware_core::{
     Scalar,
     uncertainty::{SensorUncertainty, UncertaintyError},
 };
-use serde::{
-    Deserialize, Deserializer, Serialize,
-    de::{self, SeqAccess, Visitor},
-};
-
-/// One number for every sensor, or a list with one number per sensor.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(untagged)]
-pub enum PerSensor {
-    /// Every sensor has this value.
-    All(f64),
-    /// The value of each sensor, in the order of the gains.
-    Each(Vec<f64>),
-}
-
-impl PerSensor {
-    /// Returns the value of sensor `index`, and whether it is its own.
-    fn of(&self, index: usize) -> (f64, bool) {
-        match self {
-            Self::All(value) => (*value, false),
-            Self::Each(values) => (values.get(index).copied().unwrap_or(f64::NAN), true),
-        }
-    }
-}
-
-impl<'de> Deserialize<'de> for PerSensor {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NumberOrList;
-
-        impl<'de> Visitor<'de> for NumberOrList {
-            type Value = PerSensor;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a number or a list with one number per sensor")
-            }
-
-            fn visit_f64<E: de::Error>(self, value: f64) -> Result<PerSensor, E> {
-                Ok(PerSensor::All(value))
-            }
-
-            fn visit_u64<E: de::Error>(self, value: u64) -> Result<PerSensor, E> {
-                Ok(PerSensor::All(value as f64))
-            }
-
-            fn visit_i64<E: de::Error>(self, value: i64) -> Result<PerSensor, E> {
-                Ok(PerSensor::All(value as f64))
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<PerSensor, A::Error> {
-                let mut values = Vec::new();
-                while let Some(value) = list.next_element()? {
-                    values.push(value);
-                }
-                Ok(PerSensor::Each(values))
-            }
-        }
-
-        deserializer.deserialize_any(NumberOrList)
-    }
-}
+use serde::{Deserialize, Deserializer};
 
 /// Reads a field that may be absent, but not `null`: programs write NaN as `null`.
 pub(crate) fn given<'de, D, V>(deserializer: D) -> Result<Option<V>, D::Error>
@@ -82,15 +22,15 @@ where
 /// Returns a message with the field, its value and what is valid.
 pub(crate) fn sensor_statistics<T: Scalar>(
     sensors: usize,
-    error_variance: Option<&PerSensor>,
-    phase_error_rad: Option<&PerSensor>,
+    error_variance: Option<&PerNode>,
+    phase_error_rad: Option<&PerNode>,
 ) -> Result<Vec<SensorUncertainty<T>>, String> {
     let fields = [
         ("sensor_error_variance", error_variance),
         ("sensor_phase_error_rad", phase_error_rad),
     ];
     for (field, values) in fields {
-        if let Some(PerSensor::Each(values)) = values
+        if let Some(PerNode::Each(values)) = values
             && values.len() != sensors
         {
             let given = values.len();
@@ -100,8 +40,11 @@ pub(crate) fn sensor_statistics<T: Scalar>(
             ));
         }
     }
-    let value =
-        |values: Option<&PerSensor>, index| values.map_or((0.0, false), |values| values.of(index));
+    let value = |values: Option<&PerNode>, index| {
+        values.map_or((0.0, false), |values| {
+            (values.of(index), matches!(values, PerNode::Each(_)))
+        })
+    };
     (0..sensors)
         .map(|index| {
             let (variance, has_own_variance) = value(error_variance, index);

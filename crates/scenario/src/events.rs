@@ -19,11 +19,13 @@
 
 use std::path::Path;
 
-use firmware_core::{Position, Watt, controller::DatedChange, mission::MissionChange};
+use firmware_core::{
+    Position, Watt, channel::GroundNode, controller::DatedChange, mission::MissionChange,
+};
 use serde::Deserialize;
 
 use crate::{
-    HostMission,
+    HostMission, Tracks,
     file::{self, ScenarioError, optional_pair},
 };
 
@@ -31,6 +33,8 @@ use crate::{
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Events {
     changes: Vec<DatedChange<f64>>,
+    /// The nodes' own motion is among the changes.
+    has_motion: bool,
 }
 
 #[derive(Deserialize)]
@@ -143,13 +147,63 @@ impl Events {
             made.map_err(|error| named(error.to_string()))?;
         }
         let changes = changes.into_iter().map(|(_, change)| change).collect();
-        Ok(Self { changes })
+        Ok(Self::new(changes))
     }
 
     /// Creates events from changes that are known to be valid, in the order of their slots.
     pub fn new(mut changes: Vec<DatedChange<f64>>) -> Self {
         changes.sort_by_key(|change| change.from_slot);
-        Self { changes }
+        Self {
+            changes,
+            has_motion: false,
+        }
+    }
+
+    /// Returns these events and the motion of the nodes, as the vehicle is told of it.
+    ///
+    /// # Errors
+    /// Returns one line that names an event and a node that moves by itself.
+    pub(crate) fn with_motion(
+        &self,
+        mission: &HostMission,
+        tracks: &Tracks,
+    ) -> Result<Self, String> {
+        let told = tracks.told();
+        if told.is_empty() {
+            return Ok(self.clone());
+        }
+        let moves = |event: &&DatedChange<f64>| {
+            moved_node(&event.change).is_some_and(|node| tracks.moves(node))
+        };
+        if let Some(DatedChange { from_slot, change }) = self.changes.iter().find(moves) {
+            return Err(format!(
+                "slot {from_slot}: {change}, but the scenario's uncertainty.motion moves it, too"
+            ));
+        }
+        let timeline = self.timeline(mission);
+        // A mission may become shorter, and a node that left stays away.
+        let is_there = |event: &DatedChange<f64>| {
+            let mission = timeline.in_slot(event.from_slot);
+            event.from_slot <= mission.slots()
+                && match moved_node(&event.change) {
+                    Some(GroundNode::User(user)) => mission.has_user(user),
+                    Some(GroundNode::Sensor(sensor)) => mission.has_sensor(sensor),
+                    None => true,
+                }
+        };
+        let mut changes = self.changes.clone();
+        changes.extend(told.into_iter().filter(is_there));
+        changes.sort_by_key(|change| change.from_slot);
+        Ok(Self {
+            changes,
+            has_motion: true,
+        })
+    }
+
+    /// Returns whether the changes are announced one by one: nodes that move by themselves would
+    /// change something in every slot.
+    pub fn are_announced(&self) -> bool {
+        !self.has_motion
     }
 
     /// Returns the changes, in the order of their slots. Their numbers on the ground link start at
@@ -171,6 +225,15 @@ impl Events {
             entries.push((*from_slot, changed.clone()));
         }
         Timeline { entries }
+    }
+}
+
+/// Returns the node whose place a change sets.
+fn moved_node(change: &MissionChange<f64>) -> Option<GroundNode> {
+    match *change {
+        MissionChange::User { user, .. } => Some(GroundNode::User(user.into())),
+        MissionChange::Sensor { sensor, .. } => Some(GroundNode::Sensor(sensor.into())),
+        _ => None,
     }
 }
 

@@ -13,9 +13,9 @@
 use std::path::{Path, PathBuf};
 
 use files::input;
-use firmware_core::channel::gain_map::GainMap;
+use firmware_core::channel::{GroundNode, gain_map::GainMap};
 
-use crate::{HostMission, digest::sha256};
+use crate::{HostMission, digest::sha256, node_csv};
 
 /// The first line of a file.
 const HEADER: [&str; 5] = ["node", "index", "east_m", "north_m", "power_gain"];
@@ -133,18 +133,7 @@ fn entries(content: &[u8], mission: &HostMission) -> Result<Vec<Entry>, String> 
              a converter"
         ));
     }
-    let mut reader = csv::ReaderBuilder::new()
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .from_reader(content);
-    let first = reader.headers().map_err(|error| error.to_string())?;
-    if first != HEADER[..] {
-        let first: String = first.iter().collect::<Vec<_>>().join(",");
-        let shown: String = first.chars().take(60).collect();
-        return Err(format!(
-            "the first line is `{shown}`, but must be `{header}`"
-        ));
-    }
+    let mut reader = node_csv::reader(content, &HEADER)?;
     let mut entries = Vec::new();
     let mut record = csv::StringRecord::new();
     loop {
@@ -159,22 +148,11 @@ fn entries(content: &[u8], mission: &HostMission) -> Result<Vec<Entry>, String> 
 }
 
 fn entry(line: u64, record: &csv::StringRecord, mission: &HostMission) -> Result<Entry, String> {
-    let cells: Vec<&str> = record.iter().collect();
-    let &[node, index, east_m, north_m, power_gain] = cells.as_slice() else {
-        return Err(format!("has {} values, but must have 5", cells.len()));
+    let [node, index, east_m, north_m, power_gain] = node_csv::values(record)?;
+    let node = match node_csv::node(node, index, mission)? {
+        GroundNode::User(user) => user,
+        GroundNode::Sensor(sensor) => mission.user_count() + sensor,
     };
-    let (before, count) = match node {
-        "user" => (0, mission.user_count()),
-        "sensor" => (mission.user_count(), mission.sensor_count()),
-        _ => return Err(format!("node is `{node}`, but must be user or sensor")),
-    };
-    let number: Option<usize> = index.parse().ok().filter(|&number| number < count);
-    let number = number.ok_or_else(|| {
-        format!(
-            "index is `{index}`, but must be from 0 to {}: the mission has {count} {node}s",
-            count - 1
-        )
-    })?;
     let metres = |field: &str, cell: &str| {
         let value: Option<f64> = cell.parse().ok();
         let value = value.filter(|value| value.abs() <= 1e7);
@@ -186,7 +164,7 @@ fn entry(line: u64, record: &csv::StringRecord, mission: &HostMission) -> Result
     let gain = gain.filter(|gain| (0.0..=1.0).contains(gain));
     Ok(Entry {
         line,
-        node: before + number,
+        node,
         east_m: metres("east_m", east_m)?,
         north_m: metres("north_m", north_m)?,
         gain: gain.ok_or_else(|| {

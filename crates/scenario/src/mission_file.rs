@@ -9,7 +9,7 @@ use firmware_core::{
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Sensing,
+    Sensing, Uncertainty,
     file::{optional_table, pair, pairs, table},
 };
 
@@ -31,6 +31,8 @@ pub(crate) struct ScenarioFile {
     pub(crate) origin: Origin,
     #[serde(default, deserialize_with = "table")]
     pub(crate) sensing: Sensing,
+    #[serde(default, deserialize_with = "table")]
+    pub(crate) uncertainty: Uncertainty,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -155,6 +157,7 @@ impl ScenarioFile {
             sensors,
             origin,
             sensing,
+            uncertainty,
         } = self;
         let positions = |places: &[[f64; 2]]| -> String {
             let rows = places.iter().map(|place| format!("    {place:?},\n"));
@@ -168,7 +171,7 @@ impl ScenarioFile {
              [users]\npower_max_w = {:?}\npositions_m = [\n{}]\n\n\
              [sensors]\npositions_m = [\n{}]\n\n\
              [origin]\nlatitude_deg = {:?}\nlongitude_deg = {:?}\nelevation_m = {:?}\n\n\
-             [sensing]\n{}",
+             [sensing]\n{}{}",
             mission.slots,
             mission.slot_duration_s,
             mission.start_m,
@@ -188,6 +191,7 @@ impl ScenarioFile {
             origin.longitude_deg,
             origin.elevation_m,
             sensing.to_toml(),
+            uncertainty.to_toml(),
         )
     }
 }

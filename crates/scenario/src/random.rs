@@ -11,7 +11,7 @@ use rand_pcg::Pcg64;
 
 use super::rates::PlaceRates;
 use crate::{
-    Scenario, Sensing,
+    Scenario, Sensing, Uncertainty,
     mission_file::{
         AircompTable, MissionTable, Origin, RadioTable, ScenarioFile, SensorsTable, UsersTable,
     },
@@ -114,6 +114,7 @@ fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
         },
         origin: Origin::default(),
         sensing: Sensing::default(),
+        uncertainty: Uncertainty::default(),
     }
 }
 

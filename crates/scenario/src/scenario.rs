@@ -5,11 +5,12 @@ use std::path::Path;
 use firmware_core::{Mission, autopilot::frames::Geodetic};
 
 use crate::{
-    HostMission, Sensing,
+    Events, HostMission, Sensing, Tracks, Uncertainty,
     digest::sha256,
     file::{self, ScenarioError},
     gain_map::{self, LoadedMap},
     mission_file::{Origin, ScenarioFile},
+    tracks::{self, Waymark},
 };
 
 /// A scenario: a valid mission, its location on Earth, and what its sensors measure.
@@ -23,10 +24,14 @@ pub struct Scenario {
     pub origin: Origin,
     /// What the sensors measure, and which function of it the vehicle estimates.
     pub sensing: Sensing,
+    /// How the world differs from what is known of it.
+    pub uncertainty: Uncertainty,
     /// The content of the file. It is kept so that radio noise in dBm survives a round trip.
     pub(crate) file: ScenarioFile,
     /// The gains of the mission, if the file names a map.
     gain_map: Option<LoadedMap>,
+    /// The motion from a file, if the file names one.
+    motion: Vec<Waymark>,
 }
 
 impl Scenario {
@@ -71,6 +76,10 @@ impl Scenario {
             .sensing
             .load_measurements(folder, &scenario.mission)
             .map_err(fail)?;
+        let csv = scenario.uncertainty.motion.as_ref();
+        if let Some(csv) = csv.and_then(|motion| motion.csv.as_ref()) {
+            scenario.motion = tracks::load(&folder.join(csv), &scenario.mission).map_err(fail)?;
+        }
         Ok(scenario)
     }
 
@@ -129,6 +138,7 @@ impl Scenario {
         if let Some(loaded) = &self.gain_map {
             scenario.set_gain_map(loaded.clone());
         }
+        scenario.motion.clone_from(&self.motion);
         Ok(scenario)
     }
 
@@ -141,14 +151,41 @@ impl Scenario {
         if file.sensing.measurements_csv.is_none() {
             file.sensing.check_measurements(&mission)?;
         }
+        file.uncertainty.check(&mission)?;
         Ok(Self {
             name: name.into(),
             mission,
             origin: file.origin,
             sensing: file.sensing.clone(),
+            uncertainty: file.uncertainty.clone(),
             file,
             gain_map: None,
+            motion: Vec::new(),
         })
+    }
+
+    /// Returns where users and sensors truly are.
+    pub fn tracks(&self) -> Tracks {
+        Tracks::draw(&self.uncertainty, &self.mission, &self.motion)
+    }
+
+    /// Returns the scenario in a world that differs from what is known of it by this.
+    ///
+    /// # Errors
+    /// Returns one line that names the key, its value and what is allowed.
+    pub fn with_uncertainty(mut self, uncertainty: Uncertainty) -> Result<Self, String> {
+        uncertainty.check(&self.mission)?;
+        self.file.uncertainty = uncertainty.clone();
+        self.uncertainty = uncertainty;
+        Ok(self)
+    }
+
+    /// Returns what changes in flight: these events, and the motion that the vehicle is told of.
+    ///
+    /// # Errors
+    /// Returns one line that names an event and a node that moves by itself.
+    pub fn with_motion(&self, events: &Events) -> Result<Events, String> {
+        events.with_motion(&self.mission, &self.tracks())
     }
 
     /// Returns the scenario as the text of a file, with one position per line.
@@ -157,12 +194,13 @@ impl Scenario {
     }
 
     /// Returns the SHA-256 (hexadecimal) of the mission. It identifies the mission that a policy
-    /// was trained for and does not depend on the file's layout, comments, origin and measurements,
-    /// nor on the place of a map of gains, but on its content.
+    /// was trained for and does not depend on the file's layout, comments, origin, measurements
+    /// and uncertainty, nor on the place of a map of gains, but on its content.
     pub fn digest(&self) -> String {
         let mut file = self.file.clone();
         file.origin = Origin::default();
         file.sensing = Sensing::default();
+        file.uncertainty = Uncertainty::default();
         file.radio.gain_map = self.gain_map.as_ref().map(|map| map.digest.clone().into());
         sha256(file.to_toml().as_bytes())
     }

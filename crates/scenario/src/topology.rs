@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Scenario, Sensing,
+    Scenario, Sensing, Uncertainty,
     mission_file::{
         AircompTable, MissionTable, Origin, RadioTable, ScenarioFile, SensorsTable, UsersTable,
     },
@@ -151,6 +151,7 @@ pub fn generate_on(
         },
         origin: Origin::default(),
         sensing: Sensing::default(),
+        uncertainty: Uncertainty::default(),
     };
     let name = match topology {
         Topology::Separated => "separated",
