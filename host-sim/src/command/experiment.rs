@@ -10,7 +10,7 @@ use clap::{Args, builder::PossibleValuesParser};
 use host_sim::experiment::{
     Experiment, ExperimentContext, ExperimentSettings, Watcher,
     cell::Cell,
-    report,
+    report, robustness,
     seeds::{self, Collected},
 };
 use indicatif::ProgressBar;
@@ -22,7 +22,8 @@ use super::{Failure, bound::style};
 pub(crate) struct ExperimentArguments {
     /// The figure to reproduce, or one of: all (every figure), bounds (only the certified bounds),
     /// report (drawings and page from the existing CSV files, without measuring), cards (the model
-    /// card of the shipped policies), seeds (the table MODELS/seeds.csv of all trainings, from the
+    /// card of the shipped policies), robustness (worlds that are not known exactly, on the shipped
+    /// missions and on the benchmark's), seeds (the table MODELS/seeds.csv of all trainings, from the
     /// shipped policies and the finished runs in --runs)
     #[arg(value_parser = PossibleValuesParser::new(names()))]
     name: String,
@@ -48,7 +49,16 @@ pub(crate) struct ExperimentArguments {
     /// Compute every bound again instead of reading bounds.csv
     #[arg(long)]
     fresh: bool,
-    /// With all or report: also write the page of results (docs/results.md) to this file
+    /// With robustness: the directory with the benchmark's missions
+    #[arg(long, default_value = "benchmarks", value_name = "DIR")]
+    benchmark: PathBuf,
+    /// With robustness: the number of the benchmark's missions, from the first
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    missions: u64,
+    /// With robustness: the number of seeds of each world
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    worlds: u64,
+    /// With all, report or robustness: also write the page of results (docs/results.md) to this file
     #[arg(long, value_name = "FILE")]
     results: Option<PathBuf>,
     /// With bounds: also write the table between the marks in this document (docs/bound.md)
@@ -64,7 +74,7 @@ const SEEDS: &str = "seeds";
 
 fn names() -> Vec<&'static str> {
     let figures = Experiment::ALL.map(Experiment::name);
-    let others = [ALL, BOUNDS, REPORT, CARDS, SEEDS];
+    let others = [ALL, BOUNDS, REPORT, CARDS, robustness::NAME, SEEDS];
     figures.into_iter().chain(others).collect()
 }
 
@@ -103,6 +113,11 @@ pub(crate) fn execute(arguments: &ExperimentArguments) -> Result<(), Failure> {
         CARDS => {
             let page = arguments.models.join("cells/README.md");
             report::write_cards(&mut context, &page)
+        }
+        robustness::NAME => {
+            let measured = measure_robustness(arguments, &spinner);
+            spinner.0.finish_and_clear();
+            return measured.map_err(Failure::failed);
         }
         SEEDS => {
             let collected = seeds::collect(&context, arguments.runs.as_deref());
@@ -146,6 +161,20 @@ fn conclude(arguments: &ExperimentArguments, measured: &[Experiment]) -> Result<
     writeln!(stdout, "all figures: {}", out.join("index.html").display())?;
     match &arguments.results {
         Some(path) => report::write_results(out, path).map_err(Failure::failed),
+        None => Ok(()),
+    }
+}
+
+/// Flies worlds that are not known exactly, and writes their files.
+fn measure_robustness(arguments: &ExperimentArguments, spinner: &Spinner) -> Result<(), String> {
+    let extent = robustness::Extent {
+        missions: arguments.missions as usize,
+        seeds: arguments.worlds,
+    };
+    robustness::write(&arguments.benchmark, extent, &arguments.out, spinner)?;
+    robustness::write_drawing(&arguments.out)?;
+    match &arguments.results {
+        Some(path) => report::write_results(&arguments.out, path),
         None => Ok(()),
     }
 }

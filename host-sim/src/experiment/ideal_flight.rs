@@ -10,6 +10,27 @@ use environment::Allocation;
 use scenario::{Events, Scenario};
 use vehicle::{Profile, Vehicle};
 
+/// How a flight is flown.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// The method that allocates the powers.
+    pub inner: Allocation,
+    /// The vehicle is not told how good the estimates of channels are.
+    pub ignores_errors: bool,
+    /// The seed of the drawn signals.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            inner: Allocation::Exact,
+            ignores_errors: false,
+            seed: 1,
+        }
+    }
+}
+
 /// Flies a scenario on the built-in ideal vehicle.
 ///
 /// # Errors
@@ -21,6 +42,27 @@ pub fn fly(
     policy: &PolicyChoice,
     inner: Allocation,
 ) -> Result<FlightRecord, String> {
+    let settings = Settings {
+        inner,
+        ..Settings::default()
+    };
+    fly_under(scenario, events, policy, &settings)
+}
+
+/// As [`fly`], with all settings.
+///
+/// # Errors
+/// As [`fly`].
+pub fn fly_under(
+    scenario: &Scenario,
+    events: &Events,
+    policy: &PolicyChoice,
+    &Settings {
+        inner,
+        ignores_errors,
+        seed,
+    }: &Settings,
+) -> Result<FlightRecord, String> {
     let (policy, name) = HostPolicy::load(policy, scenario)?;
     let settings = FlightSettings {
         ground_link: None,
@@ -28,9 +70,10 @@ pub fn fly(
         inner,
         profile: Profile::Ideal,
         real_time_factor: RealTimeFactor::Max,
-        seed: 1,
+        seed,
         // The rates are analytic; the signals are drawn by `host-sim run`.
         symbols_per_slot: 1,
+        ignores_errors,
         events: events.clone(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, Profile::Ideal));

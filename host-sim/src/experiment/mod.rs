@@ -13,6 +13,7 @@
 //! | [`totals`] | figures of total rates: `approaches`, `noise`, `strategies`, `mission-time` |
 //! | [`service`] | figures of single flights: trajectories, `schedule`, `data-per-user` |
 //! | [`convergence`] | learning curves |
+//! | [`robustness`] | worlds that are not known exactly |
 //! | [`claims`] | the claims and the verdicts |
 //! | [`report`] | `index.html`, `docs/results.md`, the table of `docs/bound.md` |
 //!
@@ -28,6 +29,7 @@ mod convergence;
 pub mod ideal_flight;
 mod learning_rows;
 pub mod report;
+pub mod robustness;
 pub mod seed_table;
 pub mod seeds;
 pub mod service;

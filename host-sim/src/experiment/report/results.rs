@@ -5,7 +5,9 @@ use std::{
     path::{Component, Path},
 };
 
-use crate::experiment::{Experiment, approach::Approach, claims::Verdict, table, totals::TotalRow};
+use crate::experiment::{
+    Experiment, approach::Approach, claims::Verdict, robustness, table, totals::TotalRow,
+};
 
 /// Writes `docs/results.md` from the CSV files in `directory`.
 ///
@@ -85,6 +87,7 @@ pub fn results(directory: &Path, figures: &str) -> Result<String, String> {
             text += &totals(&table::read(&experiment.csv(directory))?);
         }
     }
+    text += &robustness::section(directory, figures)?;
     Ok(text)
 }
 
