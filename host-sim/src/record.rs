@@ -1,6 +1,7 @@
 //! The record of a flight: one record per slot, the flown path, the events and the counters of the
 //! link. [`Summary`] is what follows from it. The files are written by `report`.
 
+mod knowledge;
 mod summary;
 
 use firmware_core::{
@@ -15,6 +16,7 @@ use serde::Serialize;
 
 use scenario::{Events, Scenario};
 
+pub use knowledge::KnowledgeSummary;
 pub use summary::{Summary, Timing, UserSummary};
 
 /// A flown mission.
@@ -36,6 +38,8 @@ pub struct FlightRecord {
     pub path: Vec<PathSample>,
     /// The changes of the mission that happened in flight.
     pub changes: Events,
+    /// The vehicle was not told how good the estimates of channels are.
+    pub ignores_errors: bool,
     /// The events of the autopilot and its client, in order.
     pub events: Vec<FlightEvent>,
     /// The frames that were received and lost on the ground link.
@@ -145,10 +149,15 @@ pub struct SlotRecord {
     pub planned_rate: f64,
     /// `MSE_n`, analytic, with the true channels.
     pub mse: f64,
+    /// The rate of the same user at the same place if all channels were known exactly, bit/s/Hz;
+    /// `None` in a world in which they are.
+    pub perfect_rate: Option<f64>,
     /// The constraint that limits the rate.
     pub limited_by: LimitedBy,
     /// Whether `Gamma` could be met.
     pub feasible: bool,
+    /// Whether it could not because of the errors of the estimates alone, whatever the powers.
+    pub at_error_floor: bool,
     /// The changes that the shield made.
     pub intervention: Intervention,
     /// The source of the gains that the controller used.
@@ -176,6 +185,8 @@ impl SlotRecord {
 pub struct SignalRecord {
     /// The mean of `|F-hat - F|^2` over the drawn symbols.
     pub empirical_mse: f64,
+    /// The standard error of this mean, from the drawn symbols.
+    pub standard_error: f64,
     /// The number of symbols in this mean.
     pub symbols: u32,
     /// The true value of the nomographic function of the measurements, in the scenario's unit.

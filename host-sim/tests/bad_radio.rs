@@ -25,6 +25,7 @@ fn flown(scenario: &Scenario, profile: Profile, impairment: Option<&str>) -> Fli
         real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
+        ignores_errors: false,
         events: Events::default(),
     };
     let policy = StraightLine::new(&scenario.mission);

@@ -32,6 +32,7 @@ fn flown(scenario: &Scenario, policy_kind: PolicyKind) -> FlightRecord {
         real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 10,
+        ignores_errors: false,
         events: Events::default(),
     };
     let order = order(scenario, settings.profile, policy_kind);

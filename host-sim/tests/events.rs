@@ -61,6 +61,7 @@ fn flown(choice: &PolicyChoice, profile: Profile, events: &Events) -> FlightReco
         real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 400,
+        ignores_errors: false,
         events: events.clone(),
     };
     let vehicle = Vehicle::new(vehicle_settings(&scenario, profile));

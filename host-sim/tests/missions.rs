@@ -28,6 +28,7 @@ fn settings(profile: Profile, inner: Allocation) -> FlightSettings {
         real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 400,
+        ignores_errors: false,
         events: Events::default(),
     }
 }

@@ -255,6 +255,7 @@ fn flight_settings(profile: Profile) -> FlightSettings {
         real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
+        ignores_errors: false,
         events: Events::default(),
     }
 }

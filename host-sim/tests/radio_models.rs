@@ -1,48 +1,19 @@
 //! Missions with the channel models of 3GPP TR 36.777 and with maps of gains, started as a user
 //! would start them.
 
+mod program;
+
 use std::{
     fmt::Write,
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
 };
 
 use firmware_core::{Position, channel::GroundNode};
+use program::{host_sim, json, number, refusal, text};
 use scenario::Scenario;
 use serde_json::Value;
 use tempfile::tempdir;
-
-fn host_sim(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_host-sim"))
-        .args(arguments)
-        .output()
-        .expect("it starts")
-}
-
-fn json(arguments: &[&str]) -> Value {
-    let output = host_sim(arguments);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {errors}");
-    serde_json::from_slice(&output.stdout).expect("JSON")
-}
-
-/// Returns the line of an input that is refused with exit code 2.
-fn refusal(arguments: &[&str]) -> String {
-    let output = host_sim(arguments);
-    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
-    assert_eq!(errors.lines().count(), 1, "{errors}");
-    errors
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a printable path")
-}
-
-fn number(value: &Value, key: &str) -> f64 {
-    value[key].as_f64().expect("a number")
-}
 
 /// Writes a short mission with these lines in place of those on the paper's radio model.
 fn mission(folder: &Path, name: &str, radio: &str, altitude_m: f64) -> PathBuf {

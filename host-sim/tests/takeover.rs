@@ -154,6 +154,7 @@ fn flown(
         real_time_factor: RealTimeFactor::Factor(SPEED),
         seed: 1,
         symbols_per_slot: 1,
+        ignores_errors: false,
         events: Events::default(),
     };
     let mut person = Person {

@@ -125,6 +125,7 @@ fn fly_through(
         real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
+        ignores_errors: false,
         events: events.clone(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(scenario, profile));

@@ -66,6 +66,7 @@ pub(crate) fn execute(arguments: &FaultsArguments) -> Result<(), Failure> {
         real_time_factor: RealTimeFactor::Max,
         seed: arguments.seed,
         symbols_per_slot: 1,
+        ignores_errors: false,
         events: Events::default(),
     };
     check_order(&scenario).map_err(Failure::bad_input)?;

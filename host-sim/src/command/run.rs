@@ -4,7 +4,10 @@ mod certified;
 mod ending;
 mod progress;
 
-use std::{path::PathBuf, str::FromStr};
+use std::{
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 use clap::Args;
 use environment::Allocation;
@@ -105,6 +108,10 @@ pub(crate) struct RunArguments {
     /// each from a slot on
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
+    /// Do not tell the vehicle how good its channel estimates are (the scenario's [uncertainty]): it
+    /// takes them for exact
+    #[arg(long)]
+    ignore_errors: bool,
     /// Compare the total with the certified upper bound of the mission, as host-sim bound computes
     /// it (which can take minutes), or from a bounds.csv beside the scenario file that has this mission
     #[arg(long, conflicts_with = "events")]
@@ -265,11 +272,16 @@ fn prepare(
         real_time_factor: arguments.speed,
         seed: arguments.seed,
         symbols_per_slot: arguments.symbols,
+        ignores_errors: arguments.ignore_errors,
         events: match &arguments.events {
             Some(path) => Events::load(path, &scenario.mission).map_err(Failure::bad_input)?,
             None => Events::default(),
         },
     };
+    (scenario.with_motion(&settings.events)).map_err(|problem| {
+        let file = arguments.events.as_deref().unwrap_or(Path::new("--events"));
+        Failure::bad_input(format!("{}: {problem}", file.display()))
+    })?;
     let (peer, client) = connect(arguments, scenario)?;
     let peer = peer
         .log_to(&arguments.output.out.join("mavlink.tlog"))

@@ -64,6 +64,7 @@ pub(crate) fn execute(arguments: &UploadArguments) -> Result<(), Failure> {
         real_time_factor: RealTimeFactor::Max,
         seed: 1,
         symbols_per_slot: 1,
+        ignores_errors: false,
         events: scenario::Events::default(),
     };
     let vehicle = Vehicle::new(flight::vehicle_settings(&scenario, Profile::Ideal));

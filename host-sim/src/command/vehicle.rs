@@ -35,9 +35,10 @@ pub(crate) struct VehicleArguments {
     /// Rate of the vehicle's clock, in its seconds per second [default: according to the profile]
     #[arg(long, value_name = "R")]
     clock_rate: Option<f64>,
-    /// Speed of the mean wind from the west in m/s; gusts are added
-    #[arg(long, default_value_t = 0.0, value_name = "W")]
-    wind_mps: f64,
+    /// Speed of the mean wind from the west in m/s; gusts are added [default: the scenario's
+    /// uncertainty.wind_mps]
+    #[arg(long, value_name = "W")]
+    wind_mps: Option<f64>,
     /// Stop sending and receiving after this number of seconds of the vehicle's time, with the link
     /// left open
     #[arg(long, value_name = "S")]
@@ -86,7 +87,9 @@ pub(crate) fn execute(arguments: &VehicleArguments) -> Result<(), Failure> {
     if let Some(rate) = arguments.clock_rate {
         settings.clock_rate = within("--clock-rate", rate, 0.5, 2.0)?;
     }
-    settings.wind_mps = within("--wind-mps", arguments.wind_mps, 0.0, 30.0)?;
+    if let Some(wind_mps) = arguments.wind_mps {
+        settings.wind_mps = within("--wind-mps", wind_mps, 0.0, 30.0)?;
+    }
     if let Some(after) = arguments.die_after {
         let after = within("--die-after", after, 0.0, 1e6)?;
         settings.die_after = Some(Duration::from_secs_f64(after));

@@ -84,6 +84,7 @@ pub fn predict<P: Policy<f64, USERS_MAX>>(
             real_time_factor: RealTimeFactor::Max,
             seed: 1,
             symbols_per_slot: 1,
+            ignores_errors: false,
             events: Events::default(),
         };
         let vehicle = VehicleSettings {

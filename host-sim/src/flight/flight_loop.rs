@@ -62,13 +62,14 @@ pub fn fly_with(
     mut peer: Peer,
     observer: &mut impl Observer,
 ) -> Result<FlightRecord, FailedFlight> {
-    let events = &settings.events;
+    let events = scenario.with_motion(&settings.events);
+    let events = &events.map_err(FlightError::Events)?;
     let world = World::new(scenario, events, settings.seed, settings.symbols_per_slot);
     let mut flight = Flight {
         computer,
         ground: Ground::new(
-            world,
-            events.clone(),
+            (world, events.clone()),
+            settings.ignores_errors,
             settings.inner.method(&scenario.mission),
             settings
                 .ground_link
@@ -102,6 +103,7 @@ pub fn fly_with(
         slots: flight.ground.into_slots(),
         path: flight.path,
         changes: events.clone(),
+        ignores_errors: settings.ignores_errors,
         events: flight.events,
         completed: false,
         ended: String::new(),
@@ -190,7 +192,7 @@ impl<C: OnboardComputer> Flight<'_, C> {
             }
             let done = self.ground.slots().len();
             let truth = |time| peer.true_position_at(time);
-            self.uplink = self.ground.receive::<C::Precision>(&round.to_ground, truth);
+            self.uplink = (self.ground).receive::<C::Precision>(now, &round.to_ground, truth);
             for slot in self.ground.slots_mut().iter_mut().skip(done) {
                 self.stopwatch.note(slot);
                 observer.slot(slot);

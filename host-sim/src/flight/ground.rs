@@ -1,12 +1,14 @@
 //! The ground's end of the link: answers arrivals with channel states and executes commands.
 
+use std::collections::VecDeque;
+
 use firmware_core::{
     Position, SENSORS_MAX, Scalar, USERS_MAX,
     controller::DatedChange,
-    inner::Method,
+    inner::{Method, Status},
     link::{Arrival, Endpoint, FRAME_MAX, Message, NumberedChange, SecurityCounters},
     mission::MEASUREMENT_M,
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use scenario::Events;
@@ -27,6 +29,10 @@ pub(super) struct Ground {
     announced: u32,
     announcements: Vec<String>,
     method: Method<f64>,
+    /// The vehicle is not told the quality of estimates.
+    ignores_errors: bool,
+    /// What is sent later, and when.
+    delayed: VecDeque<(Instant, Vec<u8>)>,
     end: Endpoint,
     /// The slot whose command is awaited, and the true position of the vehicle.
     arrival: Option<(Arrival<f64>, Position<f64>)>,
@@ -38,12 +44,20 @@ pub(super) struct Ground {
 }
 
 impl Ground {
-    /// Creates a ground station that tells the vehicle of the world's `events`; `method` is the
-    /// method with which the vehicle allocates, and `end` the ground's end of the link.
-    pub(super) fn new(world: World, events: Events, method: Method<f64>, end: Endpoint) -> Self {
+    /// Creates a ground station that tells the vehicle of the world's events and, unless
+    /// `ignores_errors`, of the quality of its estimates; `method` is the method with which the
+    /// vehicle allocates, and `end` the ground's end of the link.
+    pub(super) fn new(
+        (world, events): (World, Events),
+        ignores_errors: bool,
+        method: Method<f64>,
+        end: Endpoint,
+    ) -> Self {
         Self {
             world,
             events,
+            ignores_errors,
+            delayed: VecDeque::new(),
             announced: 0,
             announcements: Vec::new(),
             method,
@@ -80,10 +94,11 @@ impl Ground {
     }
 
     /// Takes bytes from a vehicle that computes with numbers of type `T`, and returns the bytes to
-    /// send to it. `truth` returns the position of the vehicle at a time of its clock; if that is
+    /// send to it at this time. `truth` returns the position of the vehicle at a time of its clock; if that is
     /// unknown, the position that the vehicle measured is used.
     pub(super) fn receive<T: Scalar>(
         &mut self,
+        now: Instant,
         bytes: &[u8],
         truth: impl Fn(Instant) -> Option<Position<f64>>,
     ) -> Vec<u8> {
@@ -98,8 +113,11 @@ impl Ground {
                     let truth = truth(arrival.tick.time);
                     if let Some(state) = self.answer(&precision::arrival(&arrival), truth) {
                         uplink.extend(self.due_changes::<T>(state.slot));
-                        let state = precision::channel_state::<T>(&state);
-                        uplink.extend(self.encode(&Message::ChannelState(state)));
+                        let answer = self.state_frames::<T>(&state);
+                        match self.world.state_delay() {
+                            Duration::ZERO => uplink.extend(answer),
+                            delay => self.delayed.push_back((now + delay, answer)),
+                        }
                     }
                 }
                 Some(Ok(Message::Command(command))) => self.execute(&precision::command(&command)),
@@ -112,7 +130,28 @@ impl Ground {
                 | None => {}
             }
         }
+        while let Some((_, late)) = self.delayed.pop_front_if(|(due, _)| *due <= now) {
+            uplink.extend(late);
+        }
         uplink
+    }
+
+    /// Returns the channel state of a slot as frames, after that of its quality; none if it gets lost.
+    fn state_frames<T: Scalar>(&mut self, state: &HostChannelState) -> Vec<u8> {
+        let mut frames = Vec::new();
+        if self.world.loses_state(state.slot) {
+            return frames;
+        }
+        if let Some(quality) = self
+            .world
+            .quality(state.slot)
+            .filter(|_| !self.ignores_errors)
+        {
+            frames.extend(self.encode::<T>(&Message::Quality(quality)));
+        }
+        let state = precision::channel_state::<T>(state);
+        frames.extend(self.encode(&Message::ChannelState(state)));
+        frames
     }
 
     /// Encodes a message as a frame. What is said is an answer to a message of a session, so there is
@@ -141,7 +180,10 @@ impl Ground {
                 if is_late {
                     words += ", and the destination is out of reach";
                 }
-                self.announcements.push(words);
+                // Nodes that move by themselves would be announced in every slot.
+                if self.events.are_announced() {
+                    self.announcements.push(words);
+                }
             }
             let change = precision::change::<T>(&change);
             let message = Message::Change(NumberedChange { number, change });
@@ -247,8 +289,10 @@ impl Ground {
             rate: outcome.rate,
             planned_rate,
             mse: outcome.mse,
+            perfect_rate: outcome.perfect_rate,
             limited_by: command.status.limited_by(),
             feasible: command.status.is_feasible(),
+            at_error_floor: matches!(command.status, Status::ErrorFloor { .. }),
             intervention: arrival.plan.intervention,
             channel_source: command.source,
             age_slots: command.age_slots,
@@ -299,11 +343,15 @@ mod tests {
         let scenario = generate(Topology::Mixed, 2, 3, 5).expect("a scenario");
         let slots = scenario.mission.slots();
         let world = World::new(&scenario, &Events::default(), 1, 10);
-        let mut ground = Ground::new(world, Events::default(), Method::Exact, Endpoint::new());
+        let world = (world, Events::default());
+        let mut ground = Ground::new(world, false, Method::Exact, Endpoint::new());
         let (arrival, command) = slot_one(&scenario);
         let mut said = 0;
-        let say =
-            |ground: &mut Ground, message| ground.receive::<f64>(&frame(&message), |_| None).len();
+        let say = |ground: &mut Ground, message| {
+            ground
+                .receive::<f64>(Instant::ZERO, &frame(&message), |_| None)
+                .len()
+        };
         for slot in [0, slots + 1, u32::MAX] {
             let mut astray = arrival;
             astray.plan.slot = slot;

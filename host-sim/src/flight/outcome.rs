@@ -13,6 +13,9 @@ pub enum FlightError {
     /// A fixed power is above the mission's limit.
     #[error("{0}")]
     Allocation(String),
+    /// An event moves a node that moves by itself.
+    #[error("events: {0}")]
+    Events(String),
     /// The client's settings do not fit the mission.
     #[error("the mission cannot be flown: {0}")]
     Settings(#[from] SettingsError),

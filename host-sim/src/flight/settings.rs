@@ -40,6 +40,8 @@ pub struct FlightSettings {
     pub seed: u64,
     /// The number of symbols drawn in a slot for the empirical MSE.
     pub symbols_per_slot: u32,
+    /// The vehicle is not told how good the estimates of channels are, and takes them for exact.
+    pub ignores_errors: bool,
     /// The changes of the mission in flight.
     pub events: Events,
     /// The ground's credentials on the ground link; `None` leaves it open. The computer needs its own,
@@ -100,7 +102,15 @@ pub fn autopilot_settings(scenario: &Scenario, profile: Profile) -> AutopilotSet
 /// Returns the built-in vehicle for a mission: on the ground at its start.
 pub fn vehicle_settings(scenario: &Scenario, profile: Profile) -> VehicleSettings {
     let start = scenario.mission.parameters().start;
+    let uncertainty = &scenario.uncertainty;
     VehicleSettings {
+        // The ideal vehicle has no body.
+        wind_mps: if profile.is_ideal() {
+            0.0
+        } else {
+            uncertainty.wind_mps
+        },
+        seed: uncertainty.seed,
         elevation_m: scenario.origin.elevation_m,
         ..VehicleSettings::new(profile, scenario.map_origin(), start)
     }

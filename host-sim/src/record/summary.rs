@@ -5,7 +5,7 @@ use firmware_core::{Position, USERS_MAX, mission::MEASUREMENT_M, shield::Fairnes
 use scenario::{HostMission, Timeline};
 use serde::Serialize;
 
-use super::{CertifiedBound, FlightRecord, LinkRecord, SlotRecord};
+use super::{CertifiedBound, FlightRecord, KnowledgeSummary, LinkRecord, SlotRecord};
 
 /// The number of slots and the amount of data of a user.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -121,6 +121,9 @@ pub struct Summary {
     pub link: LinkRecord,
     /// The number of changes of the mission in flight.
     pub mission_changes: usize,
+    /// What it cost that the world was not known exactly; absent if it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub knowledge: Option<KnowledgeSummary>,
     /// The seed of the drawn signals.
     pub seed: u64,
     /// The version of this program.
@@ -200,6 +203,7 @@ impl FlightRecord {
             estimate_error_rms: (squares.sum::<f64>() / self.slots.len().max(1) as f64).sqrt(),
             constraint_violations: self.constraint_violations(&timeline),
             mission_changes: self.changes.changes().len(),
+            knowledge: KnowledgeSummary::of(self),
             shield_interventions: self
                 .slots
                 .iter()
@@ -308,7 +312,17 @@ impl FlightRecord {
             .iter()
             .map(|slot| slot.signals.empirical_mse / slot.mse * f64::from(slot.signals.symbols))
             .sum();
-        (sum / symbols, symbols.sqrt().recip())
+        if self.scenario.uncertainty.is_none() {
+            return (sum / symbols, symbols.sqrt().recip());
+        }
+        // With errors of the channels it is not exponential: its spread is measured.
+        let variance: f64 = (self.slots.iter())
+            .map(|slot| {
+                let weight = f64::from(slot.signals.symbols) / symbols;
+                (weight * slot.signals.standard_error / slot.mse).powi(2)
+            })
+            .sum();
+        (sum / symbols, variance.sqrt())
     }
 
     /// Returns the number of violated constraints: steps longer than `V_max delta`, positions

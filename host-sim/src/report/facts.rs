@@ -3,7 +3,7 @@
 
 use firmware_core::{inner::LimitedBy, mission::RadioModel};
 
-use super::{against_waypoints, of_certified_bound, of_ideal_flight, slots_csv};
+use super::{against_waypoints, of_certified_bound, of_ideal_flight, of_knowledge, slots_csv};
 use crate::record::{FlightRecord, Summary, Timing};
 use figures::{
     axis::DETAILED_SLOTS_MAX,
@@ -95,6 +95,11 @@ pub(super) fn tables(record: &FlightRecord, summary: &Summary) -> Element {
     }
     if let Some((fraction, of)) = of_certified_bound(summary) {
         outcome.insert(1, ("Of the certified bound", format!("{fraction} {of}")));
+    }
+    if let Some(knowledge) = &summary.knowledge {
+        for (name, value, words) in of_knowledge(knowledge) {
+            outcome.push((name, format!("{value} {words}")));
+        }
     }
     let mut table_one = vec![
         (

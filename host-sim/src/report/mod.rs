@@ -34,7 +34,7 @@ use figures::{axis::SlotAxis, quantity};
 use files::output::{self, Draft};
 use firmware_core::inner::LimitedBy;
 
-use crate::record::{FlightRecord, SlotRecord, Summary};
+use crate::record::{FlightRecord, KnowledgeSummary, SlotRecord, Summary};
 use scenario::Scenario;
 
 pub use table::{Look, table};
@@ -63,6 +63,41 @@ fn of_certified_bound(summary: &Summary) -> Option<(String, String)> {
         None => "computed for this flight".into(),
     };
     Some((quantity::percent(fraction), format!("of {upper}, {source}")))
+}
+
+/// Returns what it cost that the world was not known exactly: names, values and explanations.
+fn of_knowledge(knowledge: &KnowledgeSummary) -> Vec<(&'static str, String, String)> {
+    let mut facts = vec![
+        (
+            "outage",
+            quantity::percent(knowledge.outage),
+            format!(
+                "of slots expected above Γ, {} measured",
+                quantity::percent(knowledge.empirical_outage)
+            ),
+        ),
+        (
+            "rate lost",
+            format!("{} bit/s/Hz", quantity::significant(knowledge.rate_lost, 3)),
+            format!(
+                "against {} with perfect knowledge",
+                quantity::significant(knowledge.perfect_sum_rate, 4)
+            ),
+        ),
+    ];
+    if knowledge.error_floor_slots > 0 {
+        let slots = quantity::count(knowledge.error_floor_slots, "slot");
+        facts.push((
+            "error floor",
+            slots,
+            "known too poorly for Γ at any power".into(),
+        ));
+    }
+    if knowledge.errors_ignored {
+        let words = "estimates were taken for exact".into();
+        facts.push(("errors", "ignored".into(), words));
+    }
+    facts
 }
 
 /// Returns how the rates at the flown positions compare with those at the waypoints.

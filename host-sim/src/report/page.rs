@@ -4,7 +4,7 @@
 
 use firmware_core::{inner::LimitedBy, shield::Intervention};
 
-use super::{against_waypoints, facts, map, of_ideal_flight, schedule, series};
+use super::{against_waypoints, facts, map, of_ideal_flight, of_knowledge, schedule, series};
 use crate::record::{FlightRecord, Summary};
 use figures::{
     markup::{Element, element},
@@ -276,9 +276,17 @@ fn figures(record: &FlightRecord, summary: &Summary) -> Element {
         .with(figure(
             "Accuracy of the average",
             format!(
-                "{of_threshold}; empirical / analytic MSE {} ± {}.",
+                "{of_threshold}; empirical / analytic MSE {} ± {}{}.",
                 decimal(summary.empirical_mse_ratio, 3),
-                decimal(summary.empirical_mse_ratio_standard_error, 3)
+                decimal(summary.empirical_mse_ratio_standard_error, 3),
+                match &summary.knowledge {
+                    Some(knowledge) => {
+                        let facts = of_knowledge(knowledge).into_iter();
+                        let words = facts.map(|(name, value, words)| format!("; {name} {value} {words}"));
+                        words.collect()
+                    }
+                    None => String::new(),
+                }
             ),
             series::mse(record),
         ))

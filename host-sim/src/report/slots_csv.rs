@@ -42,13 +42,30 @@ struct Row {
     allocate_us: f64,
 }
 
+/// What is added to a row where the world is not known exactly.
+#[derive(Serialize)]
+struct Knowledge {
+    perfect_rate_bit_s_hz: Option<f64>,
+    empirical_mse_standard_error: f64,
+    at_error_floor: bool,
+}
+
 /// Returns the contents of the file.
 pub(super) fn csv(record: &FlightRecord) -> io::Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for slot in &record.slots {
-        writer
-            .serialize(row(record, slot))
-            .map_err(io::Error::from)?;
+        let row = row(record, slot);
+        let written = if record.scenario.uncertainty.is_none() {
+            writer.serialize(row)
+        } else {
+            let knowledge = Knowledge {
+                perfect_rate_bit_s_hz: slot.perfect_rate,
+                empirical_mse_standard_error: slot.signals.standard_error,
+                at_error_floor: slot.at_error_floor,
+            };
+            writer.serialize((row, knowledge))
+        };
+        written.map_err(io::Error::from)?;
     }
     writer
         .into_inner()

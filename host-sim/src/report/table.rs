@@ -3,7 +3,7 @@
 
 use std::io::IsTerminal;
 
-use super::{of_certified_bound, of_ideal_flight};
+use super::{of_certified_bound, of_ideal_flight, of_knowledge};
 use crate::record::{FlightRecord, Summary};
 use figures::quantity::{self, count, decimal, percent, plain, significant};
 
@@ -172,6 +172,11 @@ fn facts(record: &FlightRecord, summary: &Summary) -> Vec<Fact> {
     ];
     if let Some((share, of)) = of_ideal_flight(summary) {
         facts.insert(1, fact(None, "ideal flight", share, of));
+    }
+    if let Some(knowledge) = &summary.knowledge {
+        let facts_of = of_knowledge(knowledge).into_iter();
+        let facts_of = facts_of.map(|(name, value, words)| fact(None, name, value, words));
+        facts.splice(4..4, facts_of);
     }
     if let Some((fraction, of)) = of_certified_bound(summary) {
         facts.insert(1, fact(None, "of any mission", fraction, of));
