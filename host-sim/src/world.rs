@@ -7,7 +7,7 @@
 //! it gives an estimate in physical units.
 //!
 //! Where the scenario has an `[uncertainty]` table, what is known and what is true differ
-//! ([`truth`]): the vehicle is told estimates of the channels, and the signals pass through the true
+//! (`truth.rs`): the vehicle is told estimates of the channels, and the signals pass through the true
 //! ones.
 
 mod air;

@@ -69,7 +69,7 @@ const fn accepted(name: &'static str, entry_point: &'static str) -> Probe {
     }
 }
 
-const PROBES: [Probe; 36] = [
+const PROBES: [Probe; 37] = [
     single(
         "slot_exact",
         "slot problem, exact: `Workspace::sensors`, `SensorField::solve`",

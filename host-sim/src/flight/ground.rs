@@ -130,9 +130,12 @@ impl Ground {
                 | None => {}
             }
         }
-        while let Some((_, late)) = self.delayed.pop_front_if(|(due, _)| *due <= now) {
-            uplink.extend(late);
-        }
+        let due = self
+            .delayed
+            .iter()
+            .take_while(|(due, _)| *due <= now)
+            .count();
+        uplink.extend(self.delayed.drain(..due).flat_map(|(_, late)| late));
         uplink
     }
 
