@@ -168,7 +168,7 @@ fn script(mut vehicle: Endpoint, mut ground: Endpoint, steps: &[u8]) {
             }
             4 => say(&mut vehicle, &Message::Status(VehicleStatus::default())),
             5 => {
-                starts += 1;
+                starts = u8::saturating_add(starts, 1);
                 let is_vehicle = at % 2 == 0;
                 let restarted = end(is_vehicle, starts);
                 if is_vehicle {
