@@ -22,8 +22,15 @@ fuzz_target!(|data: &[u8]| {
         .offset
         .iter()
         .chain(&actor.normalizer.scale);
-    // Beyond these, what is written may overflow.
+    // Beyond these, what is written, or what a network of many layers computes, may overflow.
     let moderate = |x: &f32| x.abs() < 1e6 && (*x == 0.0 || x.abs() > 1e-6);
+    let largest = |values: &[f32]| values.iter().fold(0.0_f64, |most, x| most.max(x.abs().into()));
+    let output = actor.layers.iter().fold(1e13, |input, layer| {
+        input * layer.weights.len() as f64 * largest(&layer.weights) + largest(&layer.bias)
+    });
+    if output > 1e30 {
+        return;
+    }
     if parameters
         .chain(normalizer)
         .chain([&actor.reach_m])
