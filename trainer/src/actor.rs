@@ -173,7 +173,12 @@ impl Actor {
             .enumerate()
             .map(|(i, (offset, scale))| {
                 let normalized = ((i * 7 + 3) % 19) as f32 / 10.0 - 0.9;
-                offset + normalized / scale
+                // An input without a scale is ignored.
+                if *scale == 0.0 {
+                    *offset
+                } else {
+                    offset + normalized / scale
+                }
             })
             .collect();
         let outputs: Vec<f32> = self

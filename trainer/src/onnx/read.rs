@@ -223,8 +223,8 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
     use scenario::Scenario;
 
-    /// Returns the error message for a policy file that `spoil` has changed.
-    fn refused(spoil: impl Fn(&mut GraphProto)) -> String {
+    /// Returns a policy that is not trained.
+    fn actor() -> Actor {
         let scenario = Scenario::shipped("separated").expect("shipped");
         let settings = TrainingSettings::preset(Preset::Paper, Algorithm::Sac, 1);
         let environment = environment::Environment::new(
@@ -233,7 +233,21 @@ mod tests {
         );
         let mut rng = Pcg64Mcg::seed_from_u64(1);
         let sac = Sac::new(&settings, environment.dimensions(), &mut rng);
-        let bytes = write(&Actor::new(sac.deterministic(), &scenario, &settings, 0));
+        Actor::new(sac.deterministic(), &scenario, &settings, 0)
+    }
+
+    /// An input may have no scale: it is ignored, and the file's own test does not divide by it.
+    #[test]
+    fn an_input_without_a_scale_is_written_and_read() {
+        let mut ignoring = actor();
+        ignoring.normalizer.scale[3] = 0.0;
+        let again = parse(&write(&ignoring)).expect("a policy");
+        assert_eq!(again.normalizer, ignoring.normalizer);
+    }
+
+    /// Returns the error message for a policy file that `spoil` has changed.
+    fn refused(spoil: impl Fn(&mut GraphProto)) -> String {
+        let bytes = write(&actor());
         let mut model = ModelProto::decode(&bytes[..]).expect("an ONNX file");
         spoil(model.graph.as_mut().expect("a graph"));
         let error = parse(&model.encode_to_vec()).expect_err("unsound");
