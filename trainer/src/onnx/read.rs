@@ -214,6 +214,7 @@ impl<'g> Walk<'g> {
 mod tests {
     use super::*;
     use crate::{
+        actor::Dense,
         learner::Learner,
         onnx::write::write,
         sac::Sac,
@@ -241,6 +242,14 @@ mod tests {
     fn an_input_without_a_scale_is_written_and_read() {
         let mut ignoring = actor();
         ignoring.normalizer.scale[3] = 0.0;
+        // No ReLU hides a NaN.
+        let (inputs, outputs) = (ignoring.normalizer.scale.len(), 2 + 15);
+        ignoring.layers = vec![Dense {
+            inputs,
+            outputs,
+            weights: vec![0.1; inputs * outputs],
+            bias: vec![0.0; outputs],
+        }];
         let again = parse(&write(&ignoring)).expect("a policy");
         assert_eq!(again.normalizer, ignoring.normalizer);
     }
