@@ -159,7 +159,8 @@ impl Events {
         }
     }
 
-    /// Returns these events and the motion of the nodes, as the vehicle is told of it.
+    /// Returns these events and the motion of the nodes, as the vehicle is told of it; events that
+    /// have it already stay as they are.
     ///
     /// # Errors
     /// Returns one line that names an event and a node that moves by itself.
@@ -169,7 +170,7 @@ impl Events {
         tracks: &Tracks,
     ) -> Result<Self, String> {
         let told = tracks.told();
-        if told.is_empty() {
+        if told.is_empty() || self.has_motion {
             return Ok(self.clone());
         }
         let moves = |event: &&DatedChange<f64>| {

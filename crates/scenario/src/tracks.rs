@@ -316,7 +316,7 @@ fn waymark(row: &csv::StringRecord, mission: &HostMission) -> Result<Waymark, St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MovingNodes, Scenario};
+    use crate::{Events, MovingNodes, Scenario};
 
     fn mission() -> HostMission {
         Scenario::shipped("mixed").expect("shipped").mission
@@ -424,6 +424,18 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// A record's changes have the motion already, and are flown again as they are.
+    #[test]
+    fn motion_is_told_once() {
+        let scenario = Scenario::shipped("mixed").expect("shipped");
+        let scenario = scenario
+            .with_uncertainty(moving(MotionModel::RandomWaypoint, 5.0))
+            .expect("valid");
+        let events = scenario.with_motion(&Events::default()).expect("no events");
+        assert!(events.changes().len() > 100);
+        assert_eq!(scenario.with_motion(&events), Ok(events));
     }
 
     #[test]
