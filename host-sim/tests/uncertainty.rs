@@ -93,7 +93,7 @@ fn bad_values_are_named() {
         ),
         (
             "wind_mps = 100.0",
-            "uncertainty.wind_mps is 100, but must be a speed from 0 to 60 m/s",
+            "uncertainty.wind_mps is 100, but must be a speed from 0 to 30 m/s",
         ),
         (
             "motion = { model = \"random-waypoint\" }",
@@ -120,7 +120,7 @@ fn bad_values_are_named() {
     }
 }
 
-/// An event cannot move a node that walks by itself.
+/// An event that moves a user is refused where `motion` moves the users.
 #[test]
 fn an_event_and_a_motion_of_one_node_are_refused() {
     let folder = tempdir().expect("a folder");
@@ -182,7 +182,7 @@ fn robust_flights_keep_gamma_and_naive_ones_do_not() {
     }
 }
 
-/// Where the estimates are too poor for `Gamma`, the record says that it is not for want of power.
+/// Where the estimates are too poor for `Gamma`, the record says so, and does not name a lack of power.
 #[test]
 fn an_error_floor_is_told_from_a_lack_of_power() {
     let (summary, slots) = run("sensor_phase_error_rad = 1.4", &[]);

@@ -1,8 +1,8 @@
-//! Where users and sensors truly are in each slot, and what the vehicle is told of it.
+//! The true positions of users and sensors in each slot, and the position updates that the vehicle
+//! receives.
 //!
-//! A node's true place is where its motion has brought it. What is known of it differs by an error
-//! that stays the same over the mission, as that of a map does. The vehicle is told a new place when
-//! the node has moved far enough, in time for the next slot.
+//! The position that the vehicle knows differs from the true one by an error that is constant over the
+//! mission. The vehicle receives an update, for the next slot, when a node has moved far enough.
 
 use std::{collections::HashSet, path::Path};
 
@@ -104,7 +104,7 @@ impl Tracks {
     /// Returns where a node truly is at the end of a slot, if it is `known` to be at this place.
     pub fn place(&self, node: GroundNode, slot: u32, known: &Position<f64>) -> Position<f64> {
         let Some(track) = self.of(node) else {
-            // It joined: where it is was measured then.
+            // The node joined in flight, and its position is known exactly.
             return *known;
         };
         match &track.places {

@@ -3,7 +3,7 @@
 //! ```toml
 //! [uncertainty]
 //! seed = 1                         # of everything below that is drawn
-//! # Channels: what an estimate is worth (math: docs/mathematics.md, section 10)
+//! # Channels: statistics of the errors of estimates (math: docs/mathematics.md, section 10)
 //! sensor_error_variance = 0.05     # relative; or a list with a number for each sensor
 //! user_error_variance = 0.02       # relative
 //! sensor_phase_error_rad = 0.3     # standard deviation
@@ -50,7 +50,8 @@ pub struct Uncertainty {
     /// small-scale fading.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rician_k_db: Option<f64>,
-    /// The distance at which scattered paths are independent, m; half a wavelength if not given.
+    /// Half the wavelength of the fading, m; that of the carrier if not given. The correlation over a
+    /// distance `d` is `J_0(pi d / fading_decorrelation_m)`, which is first 0 at 0.77 of this distance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fading_decorrelation_m: Option<f64>,
     /// The standard deviation of shadowing, dB.
@@ -121,8 +122,8 @@ pub struct Motion {
     /// scenario file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub csv: Option<PathBuf>,
-    /// The vehicle is told a node's position again as soon as the node is this far from where it was
-    /// last told to be, m; 10 if it is not given.
+    /// The distance, m, from the last reported position of a node at which the vehicle receives an
+    /// update; 10 if it is not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub told_after_m: Option<f64>,
 }
@@ -314,8 +315,8 @@ impl Uncertainty {
         within(
             "wind_mps",
             self.wind_mps,
-            [0.0, 60.0],
-            "a speed from 0 to 60 m/s",
+            [0.0, 30.0],
+            "a speed from 0 to 30 m/s",
         )?;
         within(
             "state_loss_probability",

@@ -120,7 +120,7 @@ impl ErrorKind {
     }
 }
 
-/// Returns users that walk about at up to this speed.
+/// Returns random-waypoint motion of the users with this largest speed.
 fn walking(speed_mps: f64) -> Motion {
     Motion {
         model: MotionModel::RandomWaypoint,

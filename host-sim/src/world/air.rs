@@ -8,8 +8,9 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// How a true channel differs from its estimate: in every symbol anew, so that the mean over many
-/// symbols is the expectation of docs/mathematics.md, section 10.
+/// The statistics of the difference between a true channel and its estimate. The difference is drawn
+/// independently for each symbol, so the mean over many symbols tends to the expectation of
+/// docs/mathematics.md, section 10.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct ChannelError {
     /// The variance of the error, relative to the gain of the estimate.

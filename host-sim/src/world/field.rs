@@ -1,5 +1,5 @@
-//! Random fields over the map: what shadows and scatters a link is where it is, so the same place has
-//! the same channel again, whatever the vehicle did before.
+//! Random fields over the position of the vehicle. The channel depends on the position alone: a vehicle
+//! that returns to a position has the same channel there, and one that hovers does not fade.
 //!
 //! A field is a sum of plane waves whose directions, wave numbers and phases are drawn once. With
 //! many waves it is Gaussian (central limit), with mean 0, variance 1 and the covariance whose spectrum
@@ -12,8 +12,7 @@ use nalgebra::Complex;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// The number of plane waves. The fourth moment differs from a Gaussian's by `1.5 / WAVES` of its
-/// value.
+/// The number of plane waves. The fourth moment is `3 - 1.5 / WAVES`; a Gaussian's is 3.
 const WAVES: usize = 64;
 
 /// A plane wave.
@@ -81,7 +80,7 @@ pub(super) struct Scattering {
 }
 
 impl Scattering {
-    /// Draws a field. Half a wavelength is the distance at which paths count as independent.
+    /// Draws a field whose wavelength is twice `decorrelation_m`.
     pub(super) fn draw(decorrelation_m: f64, random: &mut Pcg64) -> Self {
         let wave_number = TAU / (2.0 * decorrelation_m);
         Self {
@@ -139,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn scattering_has_unit_power_and_forgets_within_half_a_wavelength() {
+    fn scattering_has_unit_power_and_clarkes_correlation() {
         let fields = fields(|random| Scattering::draw(0.06, random));
         let here = Position::new(10.0, 20.0);
         let correlation = |distance_m: f64| {

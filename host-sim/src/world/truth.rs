@@ -1,9 +1,9 @@
-//! The world as it is, of which the vehicle knows less: where users and sensors truly are, what
-//! shadows and scatters their links, who is silent, and how wrong the estimates of channels are.
+//! The true state of the world: positions of users and sensors, shadowing and fading of their links,
+//! silent sensors, and the errors of channel estimates.
 //!
-//! What is [known](super::HostChannelState) is an estimate per link. Pilots measure the link as it is
-//! at that place: path loss from the true positions, shadowing, and small-scale fading. The
-//! [`ChannelError`]s are what the estimate does not tell.
+//! The vehicle receives an [estimate](super::HostChannelState) per link, which contains the path loss
+//! from the true positions, shadowing and small-scale fading. A [`ChannelError`] describes how the true
+//! channel differs from this estimate.
 
 use std::f64::consts::TAU;
 
@@ -43,7 +43,7 @@ struct Fading {
     fields: [Vec<(Scattering, f64)>; 2],
 }
 
-/// The purposes that are drawn for independently of one another.
+/// The random quantities that have independent generators.
 #[derive(Clone, Copy)]
 enum Purpose {
     Shadowing = 1,

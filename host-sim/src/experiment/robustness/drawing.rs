@@ -1,4 +1,4 @@
-//! The drawing: a row of panels per kind of error, totals and outage, each over the error's level.
+//! The drawing of total rates: a row of panels per kind of error, a panel per group of missions.
 
 use figures::{
     chart::{Axis, Chart, Panel},
@@ -7,10 +7,10 @@ use figures::{
 
 use super::{ErrorKind, Group, Pilot, RobustnessRow};
 
-/// The size of a panel: two in a row, eight rows.
+/// The size of a panel: three in a row, eight rows.
 const SIZE: [f64; 2] = [330.0, 180.0];
 
-/// Returns the drawing. The shipped missions are drawn together, the benchmark beside them.
+/// Returns the drawing.
 pub(super) fn chart(rows: &[RobustnessRow]) -> Chart {
     let mut panels = Vec::new();
     for kind in ErrorKind::ALL {
