@@ -277,6 +277,10 @@ impl<T: Scalar> Policy<T, M> for BoxedPolicy<T> {
         self.0.revise(change, slots_done);
     }
 
+    fn note_gains(&mut self, measured: &firmware_core::policy::MeasuredGains<'_, T>) {
+        self.0.note_gains(measured);
+    }
+
     fn improve(&mut self, operations: u64) {
         self.0.improve(operations);
     }

@@ -144,6 +144,8 @@ impl<T: Scalar> Policy<T, USERS> for Adversary {
 
     fn revise(&mut self, _: &firmware_core::mission::MissionChange<T>, _: u32) {}
 
+    fn note_gains(&mut self, _: &firmware_core::policy::MeasuredGains<'_, T>) {}
+
     fn improve(&mut self, _: u64) {}
 
     fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {

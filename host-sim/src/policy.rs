@@ -14,7 +14,8 @@ use firmware_core::{
     USERS_MAX,
     mission::MissionChange,
     policy::{
-        Action, FixedPosition, Observation, PlanQuality, Policy, Provenance, StraightLine, mlp::Mlp,
+        Action, FixedPosition, MeasuredGains, Observation, PlanQuality, Policy, Provenance,
+        StraightLine, mlp::Mlp,
     },
 };
 
@@ -381,6 +382,10 @@ impl Policy<f64, USERS_MAX> for HostPolicy {
 
     fn revise(&mut self, change: &MissionChange<f64>, slots_begun: u32) {
         self.chosen_mut().revise(change, slots_begun);
+    }
+
+    fn note_gains(&mut self, measured: &MeasuredGains<'_, f64>) {
+        self.chosen_mut().note_gains(measured);
     }
 
     fn improve(&mut self, operations: u64) {

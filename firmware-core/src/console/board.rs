@@ -17,7 +17,7 @@ use crate::{
     mission::MissionChange,
     onboard::{Onboard, OnboardSettings},
     planner::{Capacity, Memory, OperationsInFlight, Planner, PlannerError},
-    policy::{Action, Observation, PlanQuality, Policy, StraightLine, mlp::Mlp},
+    policy::{Action, MeasuredGains, Observation, PlanQuality, Policy, StraightLine, mlp::Mlp},
     time::Instant,
 };
 
@@ -124,6 +124,10 @@ impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> Policy<f32, USERS_MAX> for Board
 
     fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
         self.chosen_mut().revise(change, slots_begun);
+    }
+
+    fn note_gains(&mut self, measured: &MeasuredGains<'_, f32>) {
+        self.chosen_mut().note_gains(measured);
     }
 
     fn improve(&mut self, operations: u64) {

@@ -21,6 +21,7 @@ use crate::{
     collect::collect_first,
     inner::bounded::GainBounds,
     mission::{Mission, MissionChange},
+    policy::MeasuredGains,
     scalar::{Position, Scalar},
     units::PowerGain,
 };
@@ -83,6 +84,16 @@ impl<T: Scalar, const M: usize, const J: usize> LastState<T, M, J> {
     /// Records the position that was measured after the last slot's end.
     pub(super) fn locate(&mut self, place: Position<T>) {
         self.place.get_or_insert(place);
+    }
+
+    /// Returns the gains if they were measured in `slot`, and the position since.
+    pub(super) fn of_slot(&self, slot: u32) -> Option<MeasuredGains<'_, T>> {
+        let position = self.place.filter(|_| self.slot == slot && slot > 0)?;
+        Some(MeasuredGains {
+            position,
+            user_gains: &self.users,
+            sensor_gains: &self.sensors,
+        })
     }
 
     /// Returns bounds on the gains in `slot` over `here`.

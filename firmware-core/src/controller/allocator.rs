@@ -15,6 +15,7 @@ use crate::{
         bounded::{GainBounds, Guarantee},
     },
     mission::{Mission, MissionChange},
+    policy::MeasuredGains,
     scalar::{Position, Scalar},
     shield::Fairness,
     uncertainty::SlotUncertainty,
@@ -49,6 +50,11 @@ impl<T: Scalar, S: SlotSolver<T>, const M: usize, const J: usize> Allocator<T, S
     /// Records the position that was measured after the last slot's end.
     pub(super) fn locate(&mut self, place: Position<T>) {
         self.last_state.locate(place);
+    }
+
+    /// Returns the gains that were measured in `slot`, unless no state was received in it.
+    pub(super) fn measured_in(&self, slot: u32) -> Option<MeasuredGains<'_, T>> {
+        self.last_state.of_slot(slot)
     }
 
     /// Returns the command of a slot with this channel state, which has one gain per user and

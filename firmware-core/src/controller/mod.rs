@@ -297,6 +297,9 @@ impl<T: Scalar, P: Policy<T, M>, const M: usize, const J: usize, S: SlotSolver<T
         let destination = self.mission.parameters().destination;
         self.speed_estimator.observe(&measured, &destination);
         self.allocator.locate(measured);
+        if let Some(gains) = self.allocator.measured_in(self.slots_done) {
+            self.policy.note_gains(&gains);
+        }
         let agility = self.speed_estimator.agility();
         let action = self.policy.decide(&Observation {
             slot,

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     collect::collect_first,
     mission::{Mission, MissionChange},
-    policy::{Action, Observation, PlanQuality, Policy},
+    policy::{Action, MeasuredGains, Observation, PlanQuality, Policy},
     scalar::{Displacement, Position, Scalar},
     shield::{Agility, reduce_to},
 };
@@ -66,8 +66,8 @@ pub struct PlannerState<'a, T: Scalar> {
 /// # use firmware_core::planner::Planner;
 /// # type Tables = (&'static mut [f32], &'static mut [u8]);
 /// # let about = |bytes: usize, size: usize| assert!(size.abs_diff(bytes) <= bytes / 20, "{size}");
-/// about(5_200, size_of::<Planner<f32, Tables, 16, 64>>());
-/// about(3_600, size_of::<Planner<f32, Tables, 4, 8>>());
+/// about(5_850, size_of::<Planner<f32, Tables, 16, 64>>());
+/// about(3_700, size_of::<Planner<f32, Tables, 4, 8>>());
 /// ```
 #[derive(Clone, Debug)]
 pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {
@@ -410,6 +410,17 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
     fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
         let mut mission = self.mission().clone();
         if mission.change(change, slots_begun).is_ok() && self.change_mission(&mission).is_ok() {
+            self.search.learned.forget(change);
+            self.operations_left = self.operations_left.max(self.operations_per_change);
+        }
+    }
+
+    /// Learns how the gains differ from the channel model. Where they notably do, the search starts
+    /// from the present plan, as after a change.
+    fn note_gains(&mut self, measured: &MeasuredGains<'_, T>) {
+        if self.search.learned.note(&self.search.mission, measured) {
+            let (counts, position) = (self.counts.clone(), self.search.from());
+            self.begin(&counts, position, true);
             self.operations_left = self.operations_left.max(self.operations_per_change);
         }
     }

@@ -29,6 +29,12 @@
 //! planner follows its plan, corrected for the vehicle's position; the [shield](crate::shield)
 //! still checks every action.
 //!
+//! The channel model may be wrong about a node. The planner compares the gains that are measured in
+//! flight with the model's ([`Policy::note_gains`](crate::policy::Policy::note_gains)), and plans with
+//! a bias per node as soon as it is more than chance. Under fading it plans with the rates at these
+//! gains, not with expected rates, which have a nearly common factor: `cargo run --release -p planning
+//! --example expected_rates` prints how little the difference matters.
+//!
 //! ```
 //! # use firmware_core::{Mission, Position, Watt, mission::*, planner::*};
 //! # let place = |x: f32, y: f32| Position::new(x, y);
@@ -56,6 +62,7 @@ mod anytime;
 mod assignment;
 mod inertia;
 mod lattice;
+mod learned_gains;
 mod memory;
 mod order;
 mod place_rates;

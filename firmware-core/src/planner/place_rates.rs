@@ -7,6 +7,7 @@
 //! accurate (extreme altitudes, and the models of 3GPP, whose gain has a kink), the model itself is
 //! evaluated. A mission with a map of gains uses the map.
 
+use super::learned_gains::LearnedGains;
 use crate::{
     channel::GroundNode,
     inner::{SlotLimits, Workspace},
@@ -126,6 +127,7 @@ pub(super) struct PlaceRates<'a, T: Scalar, const M: usize, const J: usize> {
     pub(super) mission: &'a Mission<T, M, J>,
     pub(super) limits: &'a SlotLimits<T>,
     pub(super) scale: &'a GainScale<T>,
+    pub(super) learned: &'a LearnedGains<T, M, J>,
     pub(super) table: &'a [T],
     pub(super) workspace: &'a mut Workspace<T, J>,
 }
@@ -154,10 +156,12 @@ impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
         let mut count = 0;
         for ((sensor, ground), amplitude) in self.mission.sensors().zip(&mut amplitudes) {
             let node = (GroundNode::Sensor(sensor), ground);
-            *amplitude = self.scale.amplitude(self.mission, self.table, place, node);
+            *amplitude = self.scale.amplitude(self.mission, self.table, place, node)
+                * self.learned.factor(node.0);
             count += 1;
         }
         let (scale, table, mission) = (self.scale, self.table, self.mission);
+        let learned = self.learned;
         let sensors = amplitudes.get(..count).unwrap_or(&[]);
         let field = self.workspace.sensors_of_amplitude(self.limits, sensors);
         let feasible = field.as_ref().is_ok_and(|field| field.is_feasible());
@@ -166,7 +170,8 @@ impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
                 _ if !mission.has_user(user) => T::of(ABSENT),
                 (Ok(field), Some(ground)) if feasible => {
                     let node = (GroundNode::User(user), ground);
-                    let amplitude = scale.amplitude(mission, table, place, node);
+                    let amplitude =
+                        scale.amplitude(mission, table, place, node) * learned.factor(node.0);
                     field.rate(PowerGain(amplitude * amplitude))
                 }
                 _ => T::zero(),

@@ -14,6 +14,7 @@
 use super::{
     PlannerSettings, assignment,
     inertia::Inertia,
+    learned_gains::LearnedGains,
     memory::{Capacity, Parts},
     order::{self, Change, Tables},
     place_rates::{GAIN_ENTRIES, GainScale, PlaceRates},
@@ -123,6 +124,7 @@ pub(super) struct Search<T: Scalar, const M: usize, const J: usize> {
     limits: SlotLimits<T>,
     workspace: Workspace<T, J>,
     gains: GainScale<T>,
+    pub(super) learned: LearnedGains<T, M, J>,
     pub(super) route: Route<T>,
     /// The slots that each user must still be served in for its quota.
     pub(super) least: [u32; M],
@@ -165,6 +167,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             limits: SlotLimits::of_mission(mission),
             workspace: Workspace::default(),
             gains: GainScale::new(mission),
+            learned: LearnedGains::new(),
             mission: mission.clone(),
             settings,
             capacity,
@@ -242,6 +245,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
             mission: &self.mission,
             limits: &self.limits,
             scale: &self.gains,
+            learned: &self.learned,
             table,
             workspace: &mut self.workspace,
         }

@@ -8,6 +8,7 @@ use crate::{
     mission::MissionChange,
     scalar::{Displacement, Position, Scalar},
     shield::Agility,
+    units::PowerGain,
 };
 
 /// The number of components of the paper's state besides the users' counts: rate, MSE and the two
@@ -68,6 +69,17 @@ impl<'a, T: Scalar> Observation<'a, T> {
     }
 }
 
+/// The gains that were measured in the last slot with a channel state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredGains<'a, T: Scalar> {
+    /// The measured position at the slot's end, metres.
+    pub position: Position<T>,
+    /// `|g_m|^2` of every user; 0 for one that was not heard, NaN for one that has moved since.
+    pub user_gains: &'a [PowerGain<T>],
+    /// `|h_j|^2` of every sensor, likewise.
+    pub sensor_gains: &'a [PowerGain<T>],
+}
+
 /// The output of a policy, before the shield.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "T: Scalar")]
@@ -104,6 +116,10 @@ pub trait Policy<T: Scalar, const M: usize> {
     /// must be.
     fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32);
 
+    /// Takes note of the gains that were measured in a slot, before the next decision. They may differ
+    /// from the channel model. Does nothing in a policy without a model.
+    fn note_gains(&mut self, measured: &MeasuredGains<'_, T>);
+
     /// Spends about `operations` on a better plan, if one is wanted, between two decisions. Does
     /// nothing in a policy without a plan.
     fn improve(&mut self, operations: u64);
@@ -119,6 +135,10 @@ impl<T: Scalar, const M: usize, P: Policy<T, M> + ?Sized> Policy<T, M> for &mut 
 
     fn revise(&mut self, change: &MissionChange<T>, slots_begun: u32) {
         (**self).revise(change, slots_begun);
+    }
+
+    fn note_gains(&mut self, measured: &MeasuredGains<'_, T>) {
+        (**self).note_gains(measured);
     }
 
     fn improve(&mut self, operations: u64) {

@@ -17,7 +17,8 @@ mod provenance;
 mod rules;
 
 pub use interface::{
-    Action, OUTPUT_EXTRA, Observation, PlanQuality, Policy, STATE_EXTRA, output_len, state_len,
+    Action, MeasuredGains, OUTPUT_EXTRA, Observation, PlanQuality, Policy, STATE_EXTRA, output_len,
+    state_len,
 };
 pub use provenance::{PolicyMismatch, Provenance, REQUIRED_METADATA};
 pub use rules::{FixedPosition, StraightLine};

@@ -22,7 +22,7 @@ use heapless::Vec;
 use tract_onnx::prelude::*;
 
 use super::{
-    Action, Observation, PlanQuality, Policy, Provenance, REQUIRED_METADATA,
+    Action, MeasuredGains, Observation, PlanQuality, Policy, Provenance, REQUIRED_METADATA,
     mlp::SELF_TEST_TOLERANCE, state_len,
 };
 use crate::mission::MissionChange;
@@ -251,6 +251,8 @@ impl<T: Scalar, const M: usize> Policy<T, M> for OnnxPolicy {
 
     /// A trained policy cannot use a change.
     fn revise(&mut self, _: &MissionChange<T>, _: u32) {}
+
+    fn note_gains(&mut self, _: &MeasuredGains<'_, T>) {}
 
     fn improve(&mut self, _: u64) {}
 

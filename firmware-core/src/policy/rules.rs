@@ -3,7 +3,7 @@
 
 use heapless::Vec;
 
-use super::{Action, Observation, PlanQuality, Policy};
+use super::{Action, MeasuredGains, Observation, PlanQuality, Policy};
 use crate::{
     collect::collect_first,
     mission::{Mission, MissionChange},
@@ -47,6 +47,8 @@ impl<T: Scalar, const M: usize> Policy<T, M> for StraightLine<T, M> {
             _ => move_user(&mut self.users, change),
         }
     }
+
+    fn note_gains(&mut self, _: &MeasuredGains<'_, T>) {}
 
     fn improve(&mut self, _: u64) {}
 
@@ -97,6 +99,8 @@ impl<T: Scalar, const M: usize> Policy<T, M> for FixedPosition<T, M> {
     fn revise(&mut self, change: &MissionChange<T>, _: u32) {
         move_user(&mut self.users, change);
     }
+
+    fn note_gains(&mut self, _: &MeasuredGains<'_, T>) {}
 
     fn improve(&mut self, _: u64) {}
 

@@ -25,7 +25,7 @@ use firmware_core::{
     controller::{ChannelState, Controller},
     link::{self, Arrival, Decoder, FRAME_MAX, Message},
     mission::{Area, Environment, ExcessLoss, MissionChange, MissionParameters, RadioModel},
-    policy::{Action, Observation, PlanQuality, Policy, mlp::Mlp},
+    policy::{Action, MeasuredGains, Observation, PlanQuality, Policy, mlp::Mlp},
     time::{Instant, Tick},
 };
 use mavlink::dialects::common::{
@@ -153,6 +153,10 @@ impl Policy<f32, USERS_MAX> for Measured<'_> {
 
     fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
         Policy::<f32, USERS_MAX>::revise(&mut self.trained, change, slots_begun);
+    }
+
+    fn note_gains(&mut self, measured: &MeasuredGains<'_, f32>) {
+        Policy::<f32, USERS_MAX>::note_gains(&mut self.trained, measured);
     }
 
     fn improve(&mut self, operations: u64) {

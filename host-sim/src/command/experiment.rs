@@ -46,7 +46,8 @@ pub(crate) struct ExperimentArguments {
     /// read from seeds.csv
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=16))]
     seeds: u64,
-    /// Compute every bound again instead of reading bounds.csv
+    /// Compute every bound again instead of reading bounds.csv; with robustness: fly everything again
+    /// instead of keeping the rows of its tables
     #[arg(long)]
     fresh: bool,
     /// With robustness: the directory with the benchmark's missions
@@ -171,8 +172,11 @@ fn measure_robustness(arguments: &ExperimentArguments, spinner: &Spinner) -> Res
         missions: arguments.missions as usize,
         seeds: arguments.worlds,
     };
+    if arguments.fresh {
+        robustness::forget(&arguments.out)?;
+    }
     robustness::write(&arguments.benchmark, extent, &arguments.out, spinner)?;
-    robustness::write_drawing(&arguments.out)?;
+    robustness::write_drawings(&arguments.out)?;
     match &arguments.results {
         Some(path) => report::write_results(&arguments.out, path),
         None => Ok(()),

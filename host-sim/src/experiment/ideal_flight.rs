@@ -12,16 +12,16 @@ use vehicle::{Profile, Vehicle};
 
 /// How a flight is flown.
 #[derive(Clone, Copy, Debug)]
-pub struct Settings {
+pub struct IdealFlightSettings {
     /// The method that allocates the powers.
     pub inner: Allocation,
-    /// The vehicle is not told how good the estimates of channels are.
+    /// The vehicle does not learn how good the estimates of channels are.
     pub ignores_errors: bool,
     /// The seed of the drawn signals.
     pub seed: u64,
 }
 
-impl Default for Settings {
+impl Default for IdealFlightSettings {
     fn default() -> Self {
         Self {
             inner: Allocation::Exact,
@@ -42,9 +42,9 @@ pub fn fly(
     policy: &PolicyChoice,
     inner: Allocation,
 ) -> Result<FlightRecord, String> {
-    let settings = Settings {
+    let settings = IdealFlightSettings {
         inner,
-        ..Settings::default()
+        ..IdealFlightSettings::default()
     };
     fly_under(scenario, events, policy, &settings)
 }
@@ -57,13 +57,30 @@ pub fn fly_under(
     scenario: &Scenario,
     events: &Events,
     policy: &PolicyChoice,
-    &Settings {
+    settings: &IdealFlightSettings,
+) -> Result<FlightRecord, String> {
+    fly_loaded(
+        scenario,
+        events,
+        HostPolicy::load(policy, scenario)?,
+        settings,
+    )
+}
+
+/// As [`fly_under`], with a policy that was loaded for the mission, and its name.
+///
+/// # Errors
+/// Returns a message of one line if the flight was aborted.
+pub fn fly_loaded(
+    scenario: &Scenario,
+    events: &Events,
+    (policy, name): (HostPolicy, String),
+    &IdealFlightSettings {
         inner,
         ignores_errors,
         seed,
-    }: &Settings,
+    }: &IdealFlightSettings,
 ) -> Result<FlightRecord, String> {
-    let (policy, name) = HostPolicy::load(policy, scenario)?;
     let settings = FlightSettings {
         ground_link: None,
         policy: name,

@@ -5,132 +5,34 @@
 //! Measured once into `robustness.csv` and `moving.csv`; drawings and tables are made from these.
 
 mod drawing;
+mod error_kind;
 mod moving;
 mod page;
 
 use std::{fmt, path::Path};
 
 use rayon::prelude::*;
-use scenario::{Events, Motion, MotionModel, MovingNodes, PerNode, Scenario, Uncertainty};
-use serde::{Deserialize, Serialize};
+use scenario::{Events, Scenario};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use super::{Watcher, ideal_flight, rounded, statistics, table};
-use crate::policy::PolicyChoice;
+use super::{
+    Watcher,
+    ideal_flight::{self, IdealFlightSettings},
+    rounded, statistics, table,
+};
+use crate::policy::{HostPolicy, PolicyChoice};
+use planning::planner::{self, HostPlanner};
 
-pub use moving::{MovingRow, measure_moving};
+pub use error_kind::ErrorKind;
+pub use moving::MovingRow;
 pub use page::section;
 
 /// The name on the command line, and the stem of the files.
 pub const NAME: &str = "robustness";
 /// The stem of the file of flights with moving users and silent sensors.
 const MOVING: &str = "moving";
-
-/// One kind of error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ErrorKind {
-    /// The relative error variance of all channel estimates.
-    ChannelError,
-    /// The standard deviation of the sensors' phase errors, rad.
-    PhaseError,
-    /// The standard deviation of shadowing, dB.
-    Shadowing,
-    /// The power of the scattered paths over that of the direct one, `1 / K`.
-    Fading,
-    /// The probability that a sensor is silent in a slot.
-    Silence,
-    /// The standard deviation of the nodes' positions in each direction, m.
-    PositionError,
-    /// The largest speed of the users, m/s.
-    Motion,
-    /// The probability that the channel state of a slot is lost.
-    StateLoss,
-}
-
-impl ErrorKind {
-    /// All kinds.
-    pub const ALL: [Self; 8] = [
-        Self::ChannelError,
-        Self::PhaseError,
-        Self::Shadowing,
-        Self::Fading,
-        Self::Silence,
-        Self::PositionError,
-        Self::Motion,
-        Self::StateLoss,
-    ];
-
-    /// Returns the levels that are flown; 0 is the known world.
-    pub fn levels(self) -> [f64; 4] {
-        match self {
-            Self::ChannelError => [0.0, 0.02, 0.05, 0.1],
-            Self::PhaseError => [0.0, 0.15, 0.3, 0.45],
-            Self::Shadowing => [0.0, 2.0, 4.0, 8.0],
-            Self::Fading => [0.0, 0.1, 0.3, 1.0],
-            Self::Silence => [0.0, 0.02, 0.05, 0.1],
-            Self::PositionError => [0.0, 10.0, 30.0, 60.0],
-            Self::Motion => [0.0, 1.0, 2.5, 5.0],
-            Self::StateLoss => [0.0, 0.05, 0.1, 0.2],
-        }
-    }
-
-    /// Returns the name of the level, with its unit.
-    pub fn axis(self) -> &'static str {
-        match self {
-            Self::ChannelError => "relative error variance",
-            Self::PhaseError => "phase error, rad",
-            Self::Shadowing => "shadowing, dB",
-            Self::Fading => "scattered over direct power",
-            Self::Silence => "silence probability",
-            Self::PositionError => "position error, m",
-            Self::Motion => "users' largest speed, m/s",
-            Self::StateLoss => "probability of a lost state",
-        }
-    }
-
-    /// Returns whether the vehicle is told statistics of this error, so that robust and naive
-    /// allocations differ.
-    fn has_statistics(self) -> bool {
-        matches!(self, Self::ChannelError | Self::PhaseError)
-    }
-
-    /// Returns the world with this level of the error.
-    fn world(self, level: f64, seed: u64) -> Uncertainty {
-        let mut world = Uncertainty {
-            seed,
-            ..Uncertainty::default()
-        };
-        if level == 0.0 {
-            return world;
-        }
-        match self {
-            Self::ChannelError => {
-                world.sensor_error_variance = PerNode::All(level);
-                world.user_error_variance = PerNode::All(level);
-            }
-            Self::PhaseError => world.sensor_phase_error_rad = PerNode::All(level),
-            Self::Shadowing => world.shadowing_db = level,
-            Self::Fading => world.rician_k_db = Some(-10.0 * level.log10()),
-            Self::Silence => world.silence_probability = PerNode::All(level),
-            Self::PositionError => world.position_error_m = level,
-            Self::Motion => world.motion = Some(walking(level)),
-            Self::StateLoss => world.state_loss_probability = level,
-        }
-        world
-    }
-}
-
-/// Returns random-waypoint motion of the users with this largest speed.
-fn walking(speed_mps: f64) -> Motion {
-    Motion {
-        model: MotionModel::RandomWaypoint,
-        nodes: MovingNodes::Users,
-        speed_mps: Some(speed_mps),
-        memory_s: None,
-        csv: None,
-        told_after_m: None,
-    }
-}
+/// The stem of the drawing of outages.
+const OUTAGE: &str = "robustness-outage";
 
 /// Who flies, and what the allocation knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -244,10 +146,35 @@ pub struct Extent {
     pub seeds: u64,
 }
 
+/// A mission with the plan from before take-off, which is the same in every world.
+#[derive(Debug)]
+struct PlannedMission {
+    scenario: Scenario,
+    planner: HostPlanner,
+}
+
+impl PlannedMission {
+    fn new(scenario: Scenario) -> Result<Self, String> {
+        let planner = planner::new_planner(&scenario.mission);
+        let mut planner = planner.map_err(|error| format!("{}: {error}", scenario.name))?;
+        planner::finish(&mut planner, |_| {});
+        Ok(Self { scenario, planner })
+    }
+
+    /// Returns a policy with its name. The planner has its plan already.
+    fn policy(&self, choice: &PolicyChoice) -> Result<(HostPolicy, String), String> {
+        if *choice == PolicyChoice::Plan {
+            let planner = Box::new(self.planner.clone());
+            return Ok((HostPolicy::Plan(planner), choice.to_string()));
+        }
+        HostPolicy::load(choice, &self.scenario)
+    }
+}
+
 /// One flight.
 #[derive(Clone, Copy, Debug)]
 struct Job<'a> {
-    scenario: &'a Scenario,
+    mission: &'a PlannedMission,
     kind: ErrorKind,
     level: f64,
     pilot: Pilot,
@@ -268,18 +195,14 @@ struct Flown {
 impl Job<'_> {
     fn fly(&self) -> Result<Flown, String> {
         let world = self.kind.world(self.level, self.seed);
-        let scenario = self.scenario.clone().with_uncertainty(world)?;
-        let settings = ideal_flight::Settings {
+        let scenario = self.mission.scenario.clone().with_uncertainty(world)?;
+        let settings = IdealFlightSettings {
             ignores_errors: !self.robust,
             seed: self.seed,
-            ..ideal_flight::Settings::default()
+            ..IdealFlightSettings::default()
         };
-        let record = ideal_flight::fly_under(
-            &scenario,
-            &Events::default(),
-            &self.pilot.policy(),
-            &settings,
-        );
+        let policy = self.mission.policy(&self.pilot.policy())?;
+        let record = ideal_flight::fly_loaded(&scenario, &Events::default(), policy, &settings);
         let record = record.map_err(|problem| {
             let Self {
                 kind,
@@ -316,7 +239,7 @@ impl Job<'_> {
 
 /// The missions of each group.
 pub(super) struct Missions {
-    groups: [(Group, Vec<Scenario>); 3],
+    groups: [(Group, Vec<PlannedMission>); 3],
 }
 
 impl Missions {
@@ -328,50 +251,66 @@ impl Missions {
         let shipped = |name| vec![Scenario::shipped(name).expect("shipped")];
         let mut missions = crate::benchmark::missions(benchmark)?;
         missions.truncate(extent.missions);
+        let planned = |scenarios: Vec<Scenario>| -> Result<Vec<PlannedMission>, String> {
+            let planned = scenarios.into_par_iter().map(PlannedMission::new);
+            planned.collect()
+        };
         Ok(Self {
             groups: [
-                (Group::Separated, shipped("separated")),
-                (Group::Mixed, shipped("mixed")),
-                (Group::Benchmark, missions),
+                (Group::Separated, planned(shipped("separated"))?),
+                (Group::Mixed, planned(shipped("mixed"))?),
+                (Group::Benchmark, planned(missions)?),
             ],
         })
     }
+
+    /// Returns whether a group has this number of missions.
+    fn has(&self, group: Group, missions: usize) -> bool {
+        (self.groups.iter()).any(|(of, planned)| *of == group && planned.len() == missions)
+    }
 }
 
-/// Flies everything. `benchmark` is the directory with the benchmark's missions.
-///
-/// # Errors
-/// Returns a message of one line if a mission cannot be read or flown.
-pub fn measure(
-    benchmark: &Path,
+/// Flies what a table of earlier measurements lacks, and hands each longer table to `save`.
+fn measure(
+    missions: &Missions,
     extent: Extent,
+    mut rows: Vec<RobustnessRow>,
     watcher: &dyn Watcher,
+    save: &dyn Fn(&[RobustnessRow]) -> Result<(), String>,
 ) -> Result<Vec<RobustnessRow>, String> {
-    let missions = Missions::read(benchmark, extent)?;
-    let mut rows = Vec::new();
-    for (group, scenarios) in &missions.groups {
-        let known = known_totals(scenarios)?;
-        for kind in ErrorKind::ALL {
+    let known: Result<Vec<_>, String> = (missions.groups.iter())
+        .map(|(_, missions)| known_totals(missions))
+        .collect();
+    let known = known?;
+    for kind in ErrorKind::ALL {
+        for ((group, missions), known) in missions.groups.iter().zip(&known) {
+            if rows
+                .iter()
+                .any(|row| (row.group, row.kind) == (*group, kind))
+            {
+                continue;
+            }
             watcher.busy(&format!("{}: {}", group.title(), kind.axis()));
             for level in kind.levels() {
                 for &pilot in group.pilots() {
                     let naive = (kind.has_statistics() && level > 0.0).then_some(false);
                     for robust in [Some(true), naive].into_iter().flatten() {
-                        let flown = fly_all(scenarios, (kind, level), (pilot, robust), extent)?;
-                        rows.push(row(*group, (kind, level), (pilot, robust), &flown, &known));
+                        let flown = fly_all(missions, (kind, level), (pilot, robust), extent)?;
+                        rows.push(row(*group, (kind, level), (pilot, robust), &flown, known));
                     }
                 }
             }
+            save(&rows)?;
         }
     }
     Ok(rows)
 }
 
 /// Returns the planner's total of every mission in the known world.
-fn known_totals(scenarios: &[Scenario]) -> Result<Vec<f64>, String> {
-    let totals = scenarios.par_iter().map(|scenario| {
+fn known_totals(missions: &[PlannedMission]) -> Result<Vec<f64>, String> {
+    let totals = missions.par_iter().map(|mission| {
         let job = Job {
-            scenario,
+            mission,
             kind: ErrorKind::ChannelError,
             level: 0.0,
             pilot: Pilot::Planner,
@@ -383,19 +322,27 @@ fn known_totals(scenarios: &[Scenario]) -> Result<Vec<f64>, String> {
     totals.collect()
 }
 
-/// Returns the flights of every mission, seed by seed. The known world is flown once: no seed
-/// matters there.
+/// Returns the number of seeds that are flown: one where no seed matters.
+fn seeds_of(kind: ErrorKind, level: f64, extent: Extent) -> u64 {
+    if level > 0.0 && kind.is_random() {
+        extent.seeds
+    } else {
+        1
+    }
+}
+
+/// Returns the flights of every mission, seed by seed.
 fn fly_all(
-    scenarios: &[Scenario],
+    missions: &[PlannedMission],
     (kind, level): (ErrorKind, f64),
     (pilot, robust): (Pilot, bool),
     extent: Extent,
 ) -> Result<Vec<Vec<Flown>>, String> {
-    let seeds = if level == 0.0 { 1 } else { extent.seeds };
-    let flights = scenarios.par_iter().map(|scenario| {
+    let seeds = seeds_of(kind, level, extent);
+    let flights = missions.par_iter().map(|mission| {
         let of_seed = (1..=seeds).into_par_iter().map(|seed| {
             let job = Job {
-                scenario,
+                mission,
                 kind,
                 level,
                 pilot,
@@ -450,7 +397,25 @@ fn row(
     }
 }
 
-/// Measures everything into the CSV files of a directory.
+/// Removes the CSV files of a directory, so that everything is measured again.
+///
+/// # Errors
+/// Returns a message of one line if a file cannot be removed.
+pub fn forget(out: &Path) -> Result<(), String> {
+    for stem in [NAME, MOVING] {
+        let path = out.join(format!("{stem}.csv"));
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(table::named(&path, error));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Measures everything into the CSV files of a directory. Rows that are there and were measured with
+/// the same missions and seeds are kept, so an interrupted measurement goes on where it was.
 ///
 /// # Errors
 /// Returns a message of one line if a mission cannot be read or flown, or a file cannot be written.
@@ -460,19 +425,52 @@ pub fn write(
     out: &Path,
     watcher: &dyn Watcher,
 ) -> Result<(), String> {
-    let rows = measure(benchmark, extent, watcher)?;
-    table::write(&out.join(format!("{NAME}.csv")), &rows)?;
-    watcher.busy("moving users and silent sensors");
-    let rows = measure_moving(benchmark, extent)?;
-    table::write(&out.join(format!("{MOVING}.csv")), &rows)
+    let missions = Missions::read(benchmark, extent)?;
+    let path = out.join(format!("{NAME}.csv"));
+    let rows: Vec<RobustnessRow> = earlier(&path, |row: &RobustnessRow| {
+        missions.has(row.group, row.missions)
+            && row.seeds as u64 == seeds_of(row.kind, row.level, extent)
+    })?;
+    measure(&missions, extent, rows, watcher, &|rows| {
+        table::write(&path, rows)
+    })?;
+    let path = out.join(format!("{MOVING}.csv"));
+    let rows: Vec<MovingRow> = earlier(&path, |row: &MovingRow| {
+        missions.has(row.group, row.missions) && row.seeds as u64 == extent.seeds
+    })?;
+    moving::measure(&missions, extent, rows, watcher, &|rows| {
+        table::write(&path, rows)
+    })
 }
 
-/// Draws the CSV file of a directory: `robustness.svg`.
+/// Returns the rows of an earlier measurement: none if there is no file, or if a row has another
+/// extent.
+fn earlier<Row: DeserializeOwned>(
+    path: &Path,
+    fits: impl Fn(&Row) -> bool,
+) -> Result<Vec<Row>, String> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let rows: Vec<Row> = table::read(path)?;
+    Ok(if rows.iter().all(fits) {
+        rows
+    } else {
+        Vec::new()
+    })
+}
+
+/// Draws the CSV file of a directory: `robustness.svg` and `robustness-outage.svg`.
 ///
 /// # Errors
 /// Returns a message of one line if the file is missing or has other columns.
-pub fn write_drawing(out: &Path) -> Result<(), String> {
+pub fn write_drawings(out: &Path) -> Result<(), String> {
     let rows: Vec<RobustnessRow> = table::read(&out.join(format!("{NAME}.csv")))?;
-    let svg = drawing::chart(&rows).to_svg();
-    table::write_text(&out.join(format!("{NAME}.svg")), &svg)
+    for (stem, chart) in [
+        (NAME, drawing::totals(&rows)),
+        (OUTAGE, drawing::outage(&rows)),
+    ] {
+        table::write_text(&out.join(format!("{stem}.svg")), &chart.to_svg())?;
+    }
+    Ok(())
 }

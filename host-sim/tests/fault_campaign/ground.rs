@@ -78,6 +78,8 @@ impl Policy<f64, USERS_MAX> for Wanderer {
 
     fn revise(&mut self, _: &firmware_core::mission::MissionChange<f64>, _: u32) {}
 
+    fn note_gains(&mut self, _: &firmware_core::policy::MeasuredGains<'_, f64>) {}
+
     fn improve(&mut self, _: u64) {}
 
     fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {

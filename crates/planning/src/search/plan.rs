@@ -92,6 +92,8 @@ impl<const M: usize> Policy<f64, M> for SearchPolicy {
     /// The plan is kept; the shield sees to what a change demands.
     fn revise(&mut self, _: &firmware_core::mission::MissionChange<f64>, _: u32) {}
 
+    fn note_gains(&mut self, _: &firmware_core::policy::MeasuredGains<'_, f64>) {}
+
     fn improve(&mut self, _: u64) {}
 
     fn quality(&self) -> Option<firmware_core::policy::PlanQuality> {

@@ -8,7 +8,7 @@ use heapless::Vec;
 use super::format::{CHECKSUM, FORMAT_VERSION, Header, LoadError, MAGIC, PREAMBLE, WIDTH_MAX};
 use crate::collect::collect_first;
 use crate::mission::MissionChange;
-use crate::policy::{Action, Observation, PlanQuality, Policy, Provenance};
+use crate::policy::{Action, MeasuredGains, Observation, PlanQuality, Policy, Provenance};
 use crate::scalar::{Displacement, Scalar};
 
 /// The largest difference from its test vector that a policy may have, as a fraction of full scale.
@@ -198,6 +198,8 @@ impl<T: Scalar, B: AsRef<[u8]>, const M: usize> Policy<T, M> for Mlp<B> {
 
     /// A trained policy cannot use a change.
     fn revise(&mut self, _: &MissionChange<T>, _: u32) {}
+
+    fn note_gains(&mut self, _: &MeasuredGains<'_, T>) {}
 
     fn improve(&mut self, _: u64) {}
 

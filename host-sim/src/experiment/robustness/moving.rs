@@ -1,16 +1,18 @@
 //! Moving users and silent sensors: what replanning keeps of a planner that knows the future.
 
-use std::path::Path;
-
 use firmware_core::inner::Method;
 use planning::hindsight::hindsight;
 use rayon::prelude::*;
-use scenario::{Events, PerNode, Scenario, Uncertainty};
+use scenario::{Events, PerNode, Uncertainty};
 use serde::{Deserialize, Serialize};
 
-use super::{Extent, Group, Missions, walking};
+use super::{Extent, Group, Missions, PlannedMission, error_kind::walking};
 use crate::{
-    experiment::{ideal_flight, rounded, statistics},
+    experiment::{
+        Watcher,
+        ideal_flight::{self, IdealFlightSettings},
+        rounded, statistics,
+    },
     policy::PolicyChoice,
     world::World,
 };
@@ -56,20 +58,32 @@ fn policies() -> [PolicyChoice; 3] {
 /// The flights of one mission in one world: per policy share, outage and violations.
 type Shares = [(f64, f64, usize); 3];
 
-/// Flies the missions with users that walk and sensors that are silent.
+/// Flies the missions of groups that a table of earlier measurements lacks with users that walk and
+/// sensors that are silent, and hands each longer table to `save`.
 ///
 /// # Errors
-/// Returns a message of one line if a mission cannot be read or flown.
-pub fn measure_moving(benchmark: &Path, extent: Extent) -> Result<Vec<MovingRow>, String> {
-    let missions = Missions::read(benchmark, extent)?;
-    let mut rows = Vec::new();
-    for (group, scenarios) in &missions.groups {
-        let jobs: Vec<(&Scenario, u64)> = (scenarios.iter())
-            .flat_map(|scenario| (1..=extent.seeds).map(move |seed| (scenario, seed)))
+/// Returns a message of one line if a mission cannot be flown, or the error of `save`.
+pub(super) fn measure(
+    missions: &Missions,
+    extent: Extent,
+    mut rows: Vec<MovingRow>,
+    watcher: &dyn Watcher,
+    save: &dyn Fn(&[MovingRow]) -> Result<(), String>,
+) -> Result<(), String> {
+    for (group, planned) in &missions.groups {
+        if rows.iter().any(|row| row.group == *group) {
+            continue;
+        }
+        watcher.busy(&format!(
+            "{}: walking users and silent sensors",
+            group.title()
+        ));
+        let jobs: Vec<(&PlannedMission, u64)> = (planned.iter())
+            .flat_map(|mission| (1..=extent.seeds).map(move |seed| (mission, seed)))
             .collect();
         let flown: Result<Vec<Shares>, String> = jobs
             .par_iter()
-            .map(|&(scenario, seed)| shares(scenario, seed))
+            .map(|&(mission, seed)| shares(mission, seed))
             .collect();
         let flown = flown?;
         for (index, policy) in policies().iter().enumerate() {
@@ -79,7 +93,7 @@ pub fn measure_moving(benchmark: &Path, extent: Extent) -> Result<Vec<MovingRow>
             rows.push(MovingRow {
                 group: *group,
                 policy: policy.to_string(),
-                missions: scenarios.len(),
+                missions: planned.len(),
                 seeds: extent.seeds as usize,
                 share: rounded(statistics::mean(&values)),
                 share_interval_95: statistics::half_width_95(&values).map(rounded),
@@ -88,24 +102,26 @@ pub fn measure_moving(benchmark: &Path, extent: Extent) -> Result<Vec<MovingRow>
                 broken: of_policy().map(|(.., broken)| broken).sum(),
             });
         }
+        save(&rows)?;
     }
-    Ok(rows)
+    Ok(())
 }
 
 /// Flies one mission in one world under every policy, and plans it with hindsight.
-fn shares(scenario: &Scenario, seed: u64) -> Result<Shares, String> {
-    let scenario = scenario.clone().with_uncertainty(Uncertainty {
+fn shares(mission: &PlannedMission, seed: u64) -> Result<Shares, String> {
+    let scenario = mission.scenario.clone().with_uncertainty(Uncertainty {
         seed,
         motion: Some(walking(SPEED_MPS)),
         silence_probability: PerNode::All(SILENCE),
         ..Uncertainty::default()
     })?;
     let events = scenario.with_motion(&Events::default())?;
-    let settings = ideal_flight::Settings::default();
+    let settings = IdealFlightSettings::default();
     let mut flown = Vec::new();
     let mut path = Vec::new();
     for policy in policies() {
-        let record = ideal_flight::fly_under(&scenario, &events, &policy, &settings)
+        let loaded = mission.policy(&policy)?;
+        let record = ideal_flight::fly_loaded(&scenario, &events, loaded, &settings)
             .map_err(|problem| format!("{} under {policy}: {problem}", scenario.name))?;
         if path.is_empty() {
             path = record.slots.iter().map(|slot| slot.flown).collect();

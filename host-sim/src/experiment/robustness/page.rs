@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, path::Path};
 
-use super::{ErrorKind, Group, MOVING, MovingRow, NAME, Pilot, RobustnessRow};
+use super::{ErrorKind, Group, MOVING, MovingRow, NAME, OUTAGE, Pilot, RobustnessRow};
 use crate::experiment::table;
 
 /// Returns the section, with links to drawings that start with `figures`; nothing if it was not
@@ -25,13 +25,14 @@ pub fn section(directory: &Path, figures: &str) -> Result<String, String> {
          missions and {missions}\nbenchmark missions in worlds with one kind of error at a time \
          ([formats.md](formats.md#uncertainty)), {seeds} seeds each.\n\n\
          * The share is the total rate over that of the planner in the known world, with its 95 % \
-         interval: over the seeds of a\n  shipped mission, over the missions of the benchmark.\n\
+         interval: over the seeds of a\n  shipped mission, over the missions of the benchmark. Expected MSE \
+         and achievable rate average over estimation and\n  phase errors, so no seed matters to these.\n\
          * The outage is the fraction of slots whose expected MSE is above Gamma; \"over\" is by how much \
          at most.\n\
-         * \"errors ignored\": the vehicle is not told how good the estimates are. Where nothing is told, \
-         there is one line.\n\
+         * \"errors ignored\": the vehicle does not learn how good the estimates are. Only estimation and phase \
+         errors have\n  statistics that a pilot signal gives.\n\
          * Broken constraints are speed, area, arrival and quotas: {} in all flights.\n\n\
-         ![{NAME}]({figures}{NAME}.svg)\n",
+         ![{NAME}]({figures}{NAME}.svg)\n\n![{OUTAGE}]({figures}{OUTAGE}.svg)\n",
         rows.iter().map(|row| row.broken).sum::<usize>()
     );
     for kind in ErrorKind::ALL {
