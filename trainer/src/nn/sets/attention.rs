@@ -6,7 +6,7 @@ use pulp::Arch;
 use super::{
     super::product::padded,
     batch::SetBatch,
-    functions::{exp, sum_of_lanes},
+    functions::{exp, sum_of_lanes, vectorize},
     layout::HEADS,
     resize,
 };
@@ -45,7 +45,7 @@ impl Attention {
         let tokens = |state| batch.tokens_of(state).len();
         let len = (0..batch.len()).map(|state| weights_len(tokens(state)));
         let weights = resize(&mut self.weights, len.sum());
-        arch.dispatch(#[inline(always)] || {
+        vectorize(arch, #[inline(always)] || {
             with_head_width!(width, forward_heads(batch, qkv, out, weights));
         });
     }
@@ -60,7 +60,7 @@ impl Attention {
         d_out: &[f32],
         d_qkv: &mut [f32],
     ) {
-        arch.dispatch(#[inline(always)] || {
+        vectorize(arch, #[inline(always)] || {
             with_head_width!(
                 width,
                 backward_heads(batch, qkv, &self.weights, d_out, d_qkv)

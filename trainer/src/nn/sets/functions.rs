@@ -1,6 +1,25 @@
 //! Elementary functions that the compiler can vectorize, with the same bits on every machine.
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Runs `loops` with the machine's vector instructions. `loops` must be an `#[inline(always)]`
+/// closure, and so must be what it calls: code that is not inlined is compiled without them.
+#[inline(always)]
+pub fn vectorize<F: FnMut()>(arch: Arch, loops: F) {
+    arch.dispatch(Loops(loops));
+}
+
+/// A closure as it is: called through `FnOnce`, as pulp does, it would not be inlined.
+struct Loops<F>(F);
+
+impl<F: FnMut()> WithSimd for Loops<F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) {
+        (self.0)();
+    }
+}
 
 /// Returns `e^x` with a relative error below 2e-7 for x from -87 to 88; beyond, the value at the
 /// nearer end. NaN passes through.
@@ -35,7 +54,7 @@ pub fn sigmoid(x: f32) -> f32 {
 pub fn silu(arch: Arch, values: &mut [f32], derivatives: &mut [f32]) {
     let n = values.len().min(derivatives.len());
     let (values, derivatives) = (&mut values[..n], &mut derivatives[..n]);
-    arch.dispatch(#[inline(always)] || {
+    vectorize(arch, #[inline(always)] || {
         for i in 0..n {
             let x = values[i];
             let s = sigmoid(x);
@@ -47,7 +66,7 @@ pub fn silu(arch: Arch, values: &mut [f32], derivatives: &mut [f32]) {
 
 /// Multiplies `gradient` by `derivatives`, element by element.
 pub fn multiply(arch: Arch, gradient: &mut [f32], derivatives: &[f32]) {
-    arch.dispatch(#[inline(always)] || {
+    vectorize(arch, #[inline(always)] || {
         for (gradient, derivative) in gradient.iter_mut().zip(derivatives) {
             *gradient *= derivative;
         }
@@ -56,7 +75,7 @@ pub fn multiply(arch: Arch, gradient: &mut [f32], derivatives: &[f32]) {
 
 /// Adds `other` to `values`, element by element.
 pub fn add(arch: Arch, values: &mut [f32], other: &[f32]) {
-    arch.dispatch(#[inline(always)] || {
+    vectorize(arch, #[inline(always)] || {
         for (value, other) in values.iter_mut().zip(other) {
             *value += other;
         }

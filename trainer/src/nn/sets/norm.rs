@@ -2,7 +2,7 @@
 
 use pulp::Arch;
 
-use super::{functions::sum_of_lanes, resize};
+use super::{functions::{sum_of_lanes, vectorize}, resize};
 
 /// Added to the variance.
 pub const EPSILON: f32 = 1e-5;
@@ -36,7 +36,7 @@ impl Norm {
         let output = resize(&mut self.output, rows * width);
         let normalized = resize(&mut self.normalized, rows * width);
         let inverse = resize(&mut self.inverse, rows);
-        arch.dispatch(#[inline(always)] || {
+        vectorize(arch, #[inline(always)] || {
             for row in 0..rows {
                 let at = row * width..(row + 1) * width;
                 let (x, output) = (&x[at.clone()], &mut output[at.clone()]);
@@ -65,7 +65,7 @@ impl Norm {
         dx: &mut [f32],
     ) {
         let width = scales.len();
-        arch.dispatch(#[inline(always)] || {
+        vectorize(arch, #[inline(always)] || {
             for row in 0..rows {
                 let at = row * width..(row + 1) * width;
                 let (dy, dx) = (&dy[at.clone()], &mut dx[at.clone()]);

@@ -2,7 +2,7 @@
 
 use pulp::Arch;
 
-use super::batch::SetBatch;
+use super::{batch::SetBatch, functions::vectorize};
 
 /// Writes `[mean; maximum]` of each state's sensors into the columns from `column` on of its row of
 /// `out`, whose rows are `stride` apart, and the sensor with each maximum into `largest`.
@@ -16,7 +16,7 @@ pub fn forward(
 ) {
     let (out, stride, column) = out;
     largest.resize(batch.len() * width, 0);
-    arch.dispatch(#[inline(always)] || {
+    vectorize(arch, #[inline(always)] || {
         for state in 0..batch.len() {
             let range = batch.sensors_of(state);
             let row = &mut out[state * stride + column..state * stride + column + 2 * width];
@@ -51,7 +51,7 @@ pub fn backward(
     d_sensors: &mut [f32],
 ) {
     let (d_pooled, stride, column) = pooled;
-    arch.dispatch(#[inline(always)] || {
+    vectorize(arch, #[inline(always)] || {
         for state in 0..batch.len() {
             let range = batch.sensors_of(state);
             let row = &d_pooled[state * stride + column..state * stride + column + 2 * width];
