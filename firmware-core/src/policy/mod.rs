@@ -15,6 +15,7 @@ pub mod mlp;
 pub mod onnx;
 mod provenance;
 mod rules;
+pub mod sets;
 
 pub use interface::{
     Action, OUTPUT_EXTRA, Observation, PlanQuality, Policy, STATE_EXTRA, output_len, state_len,
