@@ -45,9 +45,13 @@ impl Attention {
         let tokens = |state| batch.tokens_of(state).len();
         let len = (0..batch.len()).map(|state| weights_len(tokens(state)));
         let weights = resize(&mut self.weights, len.sum());
-        vectorize(arch, #[inline(always)] || {
-            with_head_width!(width, forward_heads(batch, qkv, out, weights));
-        });
+        vectorize(
+            arch,
+            #[inline(always)]
+            || {
+                with_head_width!(width, forward_heads(batch, qkv, out, weights));
+            },
+        );
     }
 
     /// Computes the gradient of queries, keys and values from the gradient of `out`.
@@ -60,12 +64,16 @@ impl Attention {
         d_out: &[f32],
         d_qkv: &mut [f32],
     ) {
-        vectorize(arch, #[inline(always)] || {
-            with_head_width!(
-                width,
-                backward_heads(batch, qkv, &self.weights, d_out, d_qkv)
-            );
-        });
+        vectorize(
+            arch,
+            #[inline(always)]
+            || {
+                with_head_width!(
+                    width,
+                    backward_heads(batch, qkv, &self.weights, d_out, d_qkv)
+                );
+            },
+        );
     }
 }
 

@@ -1,6 +1,6 @@
 //! The gradient of a large batch, on threads, with a result that does not depend on their number.
 
-use std::thread;
+use std::{ops::Range, thread};
 
 use pulp::Arch;
 
@@ -59,10 +59,10 @@ impl BatchGradient {
     /// Computes the gradient of the mean of a loss over `states` states and returns the means of
     /// the losses.
     ///
-    /// `fill` adds states (a range of their indices) to a batch. `loss` gets the range, the batch
-    /// and the outputs, writes the gradient of the sum of the states' losses, and adds the losses
-    /// (as many numbers as it likes, to be reported) to the last argument.
-    pub fn gradient<F, L>(
+    /// `fill` adds states (a range of their indices) to a batch, and returns what their loss depends
+    /// on besides the outputs. `loss` writes the gradient of the sum of the states' losses, and adds
+    /// the losses to the last argument, as many numbers as are to be reported.
+    pub fn gradient<T, F, L>(
         &mut self,
         arch: Arch,
         network: &SetNetwork,
@@ -71,9 +71,8 @@ impl BatchGradient {
         loss: L,
     ) -> (&[f32], Vec<f64>)
     where
-        F: Fn(std::ops::Range<usize>, &mut SetBatch) + Sync,
-        L: Fn(std::ops::Range<usize>, &SetBatch, &Outputs, &mut OutputGradients, &mut Vec<f64>)
-            + Sync,
+        F: Fn(Range<usize>, &mut SetBatch) -> T + Sync,
+        L: Fn(&T, &SetBatch, &Outputs, &mut OutputGradients, &mut Vec<f64>) + Sync,
     {
         let share = states.div_ceil(PARTS);
         let compute = |index: usize, part: &mut PartOfBatch| {
@@ -84,7 +83,7 @@ impl BatchGradient {
             while start < end {
                 let range = start..(start + Self::CHUNK).min(end);
                 part.batch.clear();
-                fill(range.clone(), &mut part.batch);
+                let labels = fill(range.clone(), &mut part.batch);
                 part.activations.forward(arch, network, &part.batch);
                 let outputs = part.activations.outputs();
                 let gradient = &mut part.outputs;
@@ -92,13 +91,7 @@ impl BatchGradient {
                 gradient.displacement.resize(part.batch.len(), [0.0; 2]);
                 gradient.scores.clear();
                 gradient.scores.resize(part.batch.users(), 0.0);
-                loss(
-                    range.clone(),
-                    &part.batch,
-                    outputs,
-                    gradient,
-                    &mut part.losses,
-                );
+                loss(&labels, &part.batch, outputs, gradient, &mut part.losses);
                 part.gradients.backward(
                     arch,
                     network,

@@ -87,7 +87,8 @@ impl Activations {
         let width = layout.architecture.width;
         self.embed(arch, network, batch);
         let rows = batch.tokens();
-        self.blocks.resize_with(layout.blocks.len(), Default::default);
+        self.blocks
+            .resize_with(layout.blocks.len(), Default::default);
         let tokens = &mut self.tokens[..rows * width];
         let change = resize(&mut self.change, rows * width);
         for (block, buffers) in layout.blocks.iter().zip(&mut self.blocks) {

@@ -54,32 +54,44 @@ pub fn sigmoid(x: f32) -> f32 {
 pub fn silu(arch: Arch, values: &mut [f32], derivatives: &mut [f32]) {
     let n = values.len().min(derivatives.len());
     let (values, derivatives) = (&mut values[..n], &mut derivatives[..n]);
-    vectorize(arch, #[inline(always)] || {
-        for i in 0..n {
-            let x = values[i];
-            let s = sigmoid(x);
-            values[i] = x * s;
-            derivatives[i] = s * (1.0 - s).mul_add(x, 1.0);
-        }
-    });
+    vectorize(
+        arch,
+        #[inline(always)]
+        || {
+            for i in 0..n {
+                let x = values[i];
+                let s = sigmoid(x);
+                values[i] = x * s;
+                derivatives[i] = s * (1.0 - s).mul_add(x, 1.0);
+            }
+        },
+    );
 }
 
 /// Multiplies `gradient` by `derivatives`, element by element.
 pub fn multiply(arch: Arch, gradient: &mut [f32], derivatives: &[f32]) {
-    vectorize(arch, #[inline(always)] || {
-        for (gradient, derivative) in gradient.iter_mut().zip(derivatives) {
-            *gradient *= derivative;
-        }
-    });
+    vectorize(
+        arch,
+        #[inline(always)]
+        || {
+            for (gradient, derivative) in gradient.iter_mut().zip(derivatives) {
+                *gradient *= derivative;
+            }
+        },
+    );
 }
 
 /// Adds `other` to `values`, element by element.
 pub fn add(arch: Arch, values: &mut [f32], other: &[f32]) {
-    vectorize(arch, #[inline(always)] || {
-        for (value, other) in values.iter_mut().zip(other) {
-            *value += other;
-        }
-    });
+    vectorize(
+        arch,
+        #[inline(always)]
+        || {
+            for (value, other) in values.iter_mut().zip(other) {
+                *value += other;
+            }
+        },
+    );
 }
 
 /// Returns the sum of 16 numbers in a fixed order, which vectors can follow.

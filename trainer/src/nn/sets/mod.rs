@@ -26,16 +26,25 @@
 //! | [`functions`] | `exp`, and SiLU with its derivative |
 //! | [`batch_gradient`] | gradients of a large batch on threads |
 
+#[expect(
+    clippy::needless_range_loop,
+    clippy::manual_memcpy,
+    reason = "loops over the lanes of several arrays become vector instructions"
+)]
 pub mod attention;
 pub mod backward;
 pub mod batch;
+pub mod batch_gradient;
 pub mod forward;
 pub mod functions;
 pub mod heads;
 pub mod layout;
-pub mod batch_gradient;
 pub mod linear;
 pub mod network;
+#[expect(
+    clippy::needless_range_loop,
+    reason = "loops over indices of several arrays become vector instructions"
+)]
 pub mod norm;
 pub mod pool;
 #[cfg(test)]
@@ -44,9 +53,9 @@ mod reference;
 mod tests;
 
 pub use batch::SetBatch;
+pub use batch_gradient::BatchGradient;
 pub use forward::Activations;
 pub use layout::{Architecture, FeatureSizes, Layout};
-pub use batch_gradient::BatchGradient;
 pub use network::SetNetwork;
 
 /// Makes a buffer `len` long. Its content is unspecified.

@@ -138,7 +138,7 @@ impl Layout {
     /// Returns the places of the parameters in the order of the file, without padding.
     pub fn exported_ranges(&self) -> impl Iterator<Item = Range<usize>> {
         self.parts().into_iter().flat_map(|part| match part {
-            Part::Scales(start, count) => vec![start..start + count],
+            Part::Scales(start, count) => std::iter::once(start..start + count).collect::<Vec<_>>(),
             Part::Linear(linear) => {
                 let start = linear.weights().start;
                 let row = |output: usize| {
@@ -147,7 +147,8 @@ impl Layout {
                 };
                 let bias = linear.bias().start;
                 let rows = (0..linear.outputs).map(row);
-                rows.chain([bias..bias + linear.outputs]).collect()
+                rows.chain(std::iter::once(bias..bias + linear.outputs))
+                    .collect()
             }
         })
     }

@@ -2,7 +2,10 @@
 
 use pulp::Arch;
 
-use super::{functions::{sum_of_lanes, vectorize}, resize};
+use super::{
+    functions::{sum_of_lanes, vectorize},
+    resize,
+};
 
 /// Added to the variance.
 pub const EPSILON: f32 = 1e-5;
@@ -36,21 +39,25 @@ impl Norm {
         let output = resize(&mut self.output, rows * width);
         let normalized = resize(&mut self.normalized, rows * width);
         let inverse = resize(&mut self.inverse, rows);
-        vectorize(arch, #[inline(always)] || {
-            for row in 0..rows {
-                let at = row * width..(row + 1) * width;
-                let (x, output) = (&x[at.clone()], &mut output[at.clone()]);
-                let normalized = &mut normalized[at];
-                let mean = sum(x, |_, x| x) / width as f32;
-                let variance = sum(x, |_, x| (x - mean) * (x - mean)) / width as f32;
-                let scale = 1.0 / (variance + EPSILON).sqrt();
-                inverse[row] = scale;
-                for i in 0..width {
-                    normalized[i] = (x[i] - mean) * scale;
-                    output[i] = normalized[i] * scales[i];
+        vectorize(
+            arch,
+            #[inline(always)]
+            || {
+                for row in 0..rows {
+                    let at = row * width..(row + 1) * width;
+                    let (x, output) = (&x[at.clone()], &mut output[at.clone()]);
+                    let normalized = &mut normalized[at];
+                    let mean = sum(x, |_, x| x) / width as f32;
+                    let variance = sum(x, |_, x| (x - mean) * (x - mean)) / width as f32;
+                    let scale = 1.0 / (variance + EPSILON).sqrt();
+                    inverse[row] = scale;
+                    for i in 0..width {
+                        normalized[i] = (x[i] - mean) * scale;
+                        output[i] = normalized[i] * scales[i];
+                    }
                 }
-            }
-        });
+            },
+        );
     }
 
     /// Adds the gradient of the scales to `d_scales` and that of the inputs to `dx`, where `dy` is
@@ -65,19 +72,23 @@ impl Norm {
         dx: &mut [f32],
     ) {
         let width = scales.len();
-        vectorize(arch, #[inline(always)] || {
-            for row in 0..rows {
-                let at = row * width..(row + 1) * width;
-                let (dy, dx) = (&dy[at.clone()], &mut dx[at.clone()]);
-                let normalized = &self.normalized[at];
-                let mean = sum(dy, |i, dy| dy * scales[i]) / width as f32;
-                let along = sum(dy, |i, dy| dy * scales[i] * normalized[i]) / width as f32;
-                for i in 0..width {
-                    d_scales[i] += dy[i] * normalized[i];
-                    let change = dy[i] * scales[i] - mean - normalized[i] * along;
-                    dx[i] += change * self.inverse[row];
+        vectorize(
+            arch,
+            #[inline(always)]
+            || {
+                for row in 0..rows {
+                    let at = row * width..(row + 1) * width;
+                    let (dy, dx) = (&dy[at.clone()], &mut dx[at.clone()]);
+                    let normalized = &self.normalized[at];
+                    let mean = sum(dy, |i, dy| dy * scales[i]) / width as f32;
+                    let along = sum(dy, |i, dy| dy * scales[i] * normalized[i]) / width as f32;
+                    for i in 0..width {
+                        d_scales[i] += dy[i] * normalized[i];
+                        let change = dy[i] * scales[i] - mean - normalized[i] * along;
+                        dx[i] += change * self.inverse[row];
+                    }
                 }
-            }
-        });
+            },
+        );
     }
 }

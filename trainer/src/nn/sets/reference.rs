@@ -87,10 +87,7 @@ pub(super) fn forward(
     tokens.extend(state.users.chunks(user).map(|row| embed(&wide(row))));
     for _ in 0..layers {
         let norm = next.norm(width);
-        let (qkv, mix) = (
-            next.linear(width, 3 * width),
-            next.linear(width, width),
-        );
+        let (qkv, mix) = (next.linear(width, 3 * width), next.linear(width, width));
         let rows: Vec<Vec<f64>> = tokens.iter().map(|t| qkv(&norm(t))).collect();
         for (token, row) in tokens.iter_mut().zip(&rows) {
             let mut attended = Vec::new();

@@ -5,8 +5,8 @@ use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_pcg::Pcg64Mcg;
 
 use super::{
-    Activations, Architecture, BatchGradient, FeatureSizes, SetBatch, SetNetwork,
-    batch::SetState, reference,
+    Activations, Architecture, BatchGradient, FeatureSizes, SetBatch, SetNetwork, batch::SetState,
+    reference,
 };
 use crate::nn::{arch::every_arch, reference::check_gradient};
 
@@ -44,7 +44,10 @@ impl State {
             sensors: numbers(SENSORS * FEATURES.sensor),
             // Long and short ways, so that the displacement's length is limited in some states.
             to_users: (0..users)
-                .map(|_| [(); 2].map(|()| numbers(1)[0] * if users % 2 == 0 { 9.0 } else { 0.3 }))
+                .map(|_| {
+                    [(); 2]
+                        .map(|()| numbers(1)[0] * if users.is_multiple_of(2) { 9.0 } else { 0.3 })
+                })
                 .collect(),
             to_destination: [(); 2].map(|()| 0.3 * numbers(1)[0]),
         }
@@ -122,10 +125,13 @@ fn gradients_match_finite_differences() {
         Arch::new(),
         &network,
         states.len(),
-        |range, batch| range.for_each(|i| batch.push(&states[i].view())),
+        |range, batch| {
+            range.clone().for_each(|i| batch.push(&states[i].view()));
+            range
+        },
         |range, batch, outputs, gradient, losses| {
             let mut total = 0.0;
-            for (index, state) in range.enumerate() {
+            for (index, state) in range.clone().enumerate() {
                 for i in 0..2 {
                     let v = outputs.displacement[index][i];
                     gradient.displacement[index][i] = v + weight(state + i) as f32;
@@ -145,7 +151,9 @@ fn gradients_match_finite_differences() {
         let mut total = 0.0;
         for (n, state) in states.iter().enumerate() {
             let (v, scores) = reference::forward(SMALL, &state.view(), parameters);
-            total += (0..2).map(|i| v[i] * (0.5 * v[i] + weight(n + i))).sum::<f64>();
+            total += (0..2)
+                .map(|i| v[i] * (0.5 * v[i] + weight(n + i)))
+                .sum::<f64>();
             let scores = scores.iter().enumerate();
             total += scores
                 .map(|(m, s)| s * (0.5 * s + weight(n * m)))
