@@ -13,7 +13,7 @@ pub const FIRST_SEED: u64 = 1_000_000;
 /// Missions with a smaller total, bit/s/Hz, are left out: fractions of it would mean little.
 const TOTAL_MIN: f64 = 0.5;
 /// The operations of the planner for a mission.
-const PLANNING_OPERATIONS: u64 = 1_000_000_000;
+const PLANNING_OPERATIONS: u64 = 500_000_000;
 
 /// Missions with the totals of the planner.
 #[derive(Clone, Debug)]

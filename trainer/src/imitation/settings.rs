@@ -29,7 +29,7 @@ pub struct ImitationSettings {
     pub first_missions: usize,
     /// Number of gradient steps per new mission.
     pub steps_per_mission: u64,
-    /// The operations of the planner for a mission: 5 x 10^8 take about 0.1 s.
+    /// The operations of the planner for a mission.
     pub planning_operations: u64,
     /// The operations of the planner for a state beside its plan.
     pub correction_operations: u64,
@@ -61,15 +61,15 @@ impl Default for ImitationSettings {
             final_rate_fraction: 0.02,
             gradient_norm_max: 1.0,
             first_missions: 16,
-            steps_per_mission: 2,
-            planning_operations: 300_000_000,
-            correction_operations: 2_000_000,
+            steps_per_mission: 3,
+            planning_operations: 150_000_000,
+            correction_operations: 1_000_000,
             own_flights_from: 1_000,
             disturbed_fraction: 0.6,
             disturbance: 0.35,
             architecture: Architecture::default(),
             held_out_missions: 60,
-            evaluate_every: 2_000,
+            evaluate_every: 1_000,
             report_every: 200,
         }
     }
