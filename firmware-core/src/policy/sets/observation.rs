@@ -89,6 +89,12 @@ impl SetsObservation {
         sets
     }
 
+    /// Returns the reach, metres.
+    pub(super) fn reach_m(&self) -> f32 {
+        let [_, _, _, _, _, _, _, reach_m, ..] = self.mission;
+        reach_m
+    }
+
     /// Returns the rows of the users that are there.
     pub fn user_rows(&self) -> &[[f32; USER_COLUMNS]] {
         self.users.get(..self.user_count).unwrap_or(&self.users)
