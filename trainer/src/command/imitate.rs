@@ -6,7 +6,7 @@ use anyhow::ensure;
 use clap::Args;
 use trainer::{
     imitation::{
-        run::{Imitation, Threads, network_of},
+        run::{Imitation, Threads, TrainedNetwork},
         settings::ImitationSettings,
     },
     run::CHECKPOINT,
@@ -62,14 +62,15 @@ impl ImitationOptions {
         let start = || -> anyhow::Result<_> {
             let from = match &self.from {
                 Some(path) => {
-                    let (architecture, parameters) = network_of(path, false)?;
+                    let network = TrainedNetwork::read(path, false)?;
                     ensure!(
-                        architecture == settings.architecture,
-                        "{}: the network has {architecture:?}, but {:?} was asked for",
+                        network.architecture == settings.architecture,
+                        "{}: the network has {:?}, but {:?} was asked for",
                         path.display(),
+                        network.architecture,
                         settings.architecture
                     );
-                    Some(parameters)
+                    Some(network.parameters)
                 }
                 None => None,
             };

@@ -14,8 +14,10 @@
 //! | [`loss`] | the loss |
 //! | [`policy`] | the network as a policy that flies |
 //! | [`held_out`] | evaluation on missions that are not learned from |
+//! | [`export`] | the `.policy` file |
 //! | [`run`] | a run: start, resume, train, evaluate, save |
 
+pub mod export;
 pub mod held_out;
 pub mod lesson;
 pub mod lessons;

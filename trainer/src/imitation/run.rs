@@ -34,7 +34,7 @@ use crate::{
     tensorboard::EventWriter,
 };
 
-pub use self::saved::{is_imitation, network_of};
+pub use self::saved::{TrainedNetwork, is_imitation};
 
 /// The number of lessons that are asked for ahead of their use.
 const AHEAD: usize = 8;

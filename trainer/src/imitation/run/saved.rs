@@ -65,14 +65,33 @@ pub fn is_imitation(path: &Path) -> bool {
     std::fs::read(path).is_ok_and(|bytes| bytes.starts_with(&MAGIC))
 }
 
-/// Returns the sizes and the parameters (in the order of the file) of a checkpoint's best network,
-/// or of the latest if none has been evaluated or `latest` asks for it.
-///
-/// # Errors
-/// Fails if the file is no valid checkpoint of an imitation.
-pub fn network_of(path: &Path, latest: bool) -> anyhow::Result<(Architecture, Vec<f32>)> {
-    let saved = Saved::read(path)?;
-    let best = saved.best.filter(|_| !latest);
-    let parameters = best.map_or(saved.parameters, |best| best.parameters);
-    Ok((saved.settings.architecture, parameters))
+/// A network of a run, with its origin.
+#[derive(Clone, Debug)]
+pub struct TrainedNetwork {
+    /// Its sizes.
+    pub architecture: Architecture,
+    /// Its parameters, in the order of the file.
+    pub parameters: Vec<f32>,
+    /// The number of missions that the run had learned from when it was saved.
+    pub missions: u32,
+    /// The seed of the run.
+    pub seed: u64,
+}
+
+impl TrainedNetwork {
+    /// Reads the best network of a checkpoint, or the latest one if none has been evaluated or
+    /// `latest` asks for it.
+    ///
+    /// # Errors
+    /// Fails if the file is no valid checkpoint of an imitation.
+    pub fn read(path: &Path, latest: bool) -> anyhow::Result<Self> {
+        let saved = Saved::read(path)?;
+        let best = saved.best.filter(|_| !latest);
+        Ok(Self {
+            architecture: saved.settings.architecture,
+            parameters: best.map_or(saved.parameters, |best| best.parameters),
+            missions: saved.lessons.len().try_into()?,
+            seed: saved.settings.seed,
+        })
+    }
 }
