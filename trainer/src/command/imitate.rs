@@ -41,6 +41,11 @@ pub(crate) struct ImitationOptions {
 }
 
 impl ImitationOptions {
+    /// Returns whether the duration of an imitation is given.
+    pub(super) fn has_duration(&self) -> bool {
+        self.minutes.is_some() || self.steps.is_some()
+    }
+
     fn threads(&self) -> Threads {
         Threads {
             gradient: self.gradient_threads,
@@ -55,7 +60,7 @@ impl ImitationOptions {
         directory: &Path,
         show: bool,
     ) -> Outcome {
-        if self.minutes.is_some() || self.steps.is_some() {
+        if self.has_duration() {
             settings.minutes = self.minutes.unwrap_or(0.0);
             settings.steps = self.steps.unwrap_or(0);
         }

@@ -150,10 +150,15 @@ impl Train {
         if self.missions == Some(Missions::Random) {
             return self.imitate();
         }
+        let imitation = |directory: &PathBuf| is_imitation(&directory.join(CHECKPOINT));
+        let continued = self.resume && self.out.as_ref().is_some_and(imitation);
+        if self.imitation.has_duration() && !continued {
+            return Err(Failure::BadInput(anyhow!(
+                "--minutes and --steps are for --missions random; without it, --episodes says how long"
+            )));
+        }
         match &self.out {
-            Some(directory) if self.resume && is_imitation(&directory.join(CHECKPOINT)) => {
-                self.imitation.resume(directory, !self.quiet)
-            }
+            Some(directory) if continued => self.imitation.resume(directory, !self.quiet),
             Some(directory) if self.resume => {
                 let run = Run::open(directory).map_err(Failure::BadInput)?;
                 match run.progress.settings.algorithm {
