@@ -96,6 +96,8 @@ pub mod link;
 pub mod mission;
 #[cfg(all(feature = "link", feature = "autopilot"))]
 pub mod onboard;
+#[cfg(feature = "policy")]
+mod place_rates;
 #[cfg(feature = "planner")]
 pub mod planner;
 #[cfg(feature = "policy")]

@@ -2,10 +2,11 @@
 //!
 //! `sac` and `ddpg` are whole gradient steps (sampling, targets, critics, policy, temperatures,
 //! target networks) at Table I's sizes. `environment` is slots of the shipped mission `separated` with
-//! random actions. Prints one line `WHAT NUMBER` with the number per second for each. With WHAT it
+//! random actions. `sets` is the gradient of 256 states of the network for any mission, from planned
+//! missions to the sum, and `sets-inputs` the part of it that computes the inputs. Prints one line `WHAT NUMBER` with the number per second for each. With WHAT it
 //! measures only that one, in one round of STEPS, so that a script can alternate between programs.
 
-use std::{hint::black_box, time::Instant};
+use std::{hint::black_box, ops::Range, time::Instant};
 
 use environment::{Action, Environment};
 use rand::SeedableRng;
@@ -13,7 +14,14 @@ use rand_pcg::Pcg64Mcg;
 use scenario::Scenario;
 use trainer::{
     ddpg::Ddpg,
+    imitation::{
+        lesson::Lesson,
+        loss,
+        sample::{Encoder, FEATURES, Labels, Sample},
+        settings::ImitationSettings,
+    },
     learner::Learner,
+    nn::sets::{BatchGradient, SetBatch, SetNetwork},
     replay::{Replay, Transition},
     sac::Sac,
     settings::{Algorithm, Preset, TrainingSettings},
@@ -91,6 +99,53 @@ fn flying() -> Step {
     })
 }
 
+/// Number of states of a gradient step of the network for any mission.
+const STATES: usize = 256;
+
+/// Returns planned missions, the settings they were planned with, and samples of them.
+fn lessons() -> (ImitationSettings, Vec<Lesson>, Vec<Sample>) {
+    let settings = ImitationSettings::default();
+    let lessons: Vec<Lesson> = (0..8)
+        .map(|index| Lesson::new(&settings, index, None).expect("a mission"))
+        .collect();
+    let mut rng = Pcg64Mcg::seed_from_u64(1);
+    let samples = (0..STATES).map(|_| Sample::draw(&lessons, &mut rng));
+    let samples = samples.collect();
+    (settings, lessons, samples)
+}
+
+/// Returns the gradient of the network for any mission to be measured.
+fn sets() -> Step {
+    let (settings, lessons, samples) = lessons();
+    let network = SetNetwork::new(settings.architecture, FEATURES, 1);
+    let mut gradients = BatchGradient::new(&network, 1);
+    Box::new(move || {
+        let fill = |range: Range<usize>, batch: &mut SetBatch| {
+            let (mut encoder, mut labels) = (Encoder::default(), Labels::default());
+            for sample in &samples[range] {
+                sample.push(&lessons, &settings, &mut encoder, batch, &mut labels);
+            }
+            labels
+        };
+        let arch = pulp::Arch::new();
+        black_box(gradients.gradient(arch, &network, STATES, fill, loss::imitation));
+    })
+}
+
+/// Returns the inputs of a batch to be measured.
+fn sets_inputs() -> Step {
+    let (settings, lessons, samples) = lessons();
+    let mut batch = SetBatch::new(FEATURES);
+    Box::new(move || {
+        let (mut encoder, mut labels) = (Encoder::default(), Labels::default());
+        batch.clear();
+        for sample in &samples {
+            sample.push(&lessons, &settings, &mut encoder, &mut batch, &mut labels);
+        }
+        black_box(&labels);
+    })
+}
+
 /// One step of a measured program.
 type Step = Box<dyn FnMut()>;
 
@@ -105,10 +160,12 @@ fn main() {
     let mut arguments = std::env::args().skip(1).filter(|a| !a.starts_with('-'));
     let only = arguments.next();
     let steps: Option<u32> = arguments.next().map(|text| text.parse().expect("STEPS"));
-    let measured: [Measured; 3] = [
+    let measured: [Measured; 5] = [
         ("sac", 1_000, learning::<Sac>),
         ("ddpg", 1_000, learning::<Ddpg>),
         ("environment", 100_000, flying),
+        ("sets", 20, sets),
+        ("sets-inputs", 60, sets_inputs),
     ];
     for (name, usual, make) in measured {
         if only.as_deref().is_some_and(|only| only != name) {

@@ -82,12 +82,25 @@ pub fn write<S: Serialize>(
     learner: &S,
     replay: &Replay,
 ) -> anyhow::Result<()> {
-    let mut bytes = Vec::with_capacity(1 << 20);
-    bytes.extend(MAGIC);
-    bytes.extend(VERSION.to_le_bytes());
-    bytes.extend([0; 4]);
     // A tuple of references has the encoding of the struct.
-    let mut bytes = postcard::to_extend(&(progress, learner, replay), bytes)?;
+    write_checked(path, MAGIC, VERSION, &(progress, learner, replay))
+}
+
+/// Writes a file of magic number, version, checksum and data.
+///
+/// # Errors
+/// Returns the file system's error with the file's name.
+pub(crate) fn write_checked<T: Serialize>(
+    path: &Path,
+    magic: [u8; 4],
+    version: u16,
+    data: &T,
+) -> anyhow::Result<()> {
+    let mut bytes = Vec::with_capacity(1 << 20);
+    bytes.extend(magic);
+    bytes.extend(version.to_le_bytes());
+    bytes.extend([0; 4]);
+    let mut bytes = postcard::to_extend(data, bytes)?;
     let checksum = CHECKSUM.checksum(&bytes[10..]);
     bytes[6..10].copy_from_slice(&checksum.to_le_bytes());
     output::write(path, &bytes).with_context(|| path.display().to_string())
@@ -99,7 +112,7 @@ impl<S: DeserializeOwned> Checkpoint<S> {
     /// # Errors
     /// Fails if the file is not a checkpoint, is damaged, or has another version or algorithm.
     pub fn read(path: &Path, algorithm: Algorithm) -> anyhow::Result<Self> {
-        let bytes = read_checked(path)?;
+        let bytes = read_checked(path, MAGIC, VERSION)?;
         let progress = peek(&bytes).with_context(|| path.display().to_string())?;
         let found = progress.settings.algorithm;
         ensure!(
@@ -126,7 +139,7 @@ impl<S: DeserializeOwned> Checkpoint<S> {
 /// # Errors
 /// Fails if the file is not a checkpoint, is damaged, or has another version.
 pub fn read_progress(path: &Path) -> anyhow::Result<TrainingProgress> {
-    let bytes = read_checked(path)?;
+    let bytes = read_checked(path, MAGIC, VERSION)?;
     peek(&bytes).with_context(|| path.display().to_string())
 }
 
@@ -136,17 +149,21 @@ fn peek(bytes: &[u8]) -> anyhow::Result<TrainingProgress> {
     Ok(progress)
 }
 
-/// Reads a file and checks its magic number, version and checksum.
-fn read_checked(path: &Path) -> anyhow::Result<Vec<u8>> {
+/// Reads a file and checks its magic number, version and checksum. The data begin at byte 10.
+///
+/// # Errors
+/// Fails if the file cannot be read, is no such file, has another version, or is damaged.
+pub(crate) fn read_checked(path: &Path, magic: [u8; 4], version: u16) -> anyhow::Result<Vec<u8>> {
     let name = path.display();
     let bytes = fs::read(path).with_context(|| name.to_string())?;
-    if bytes.len() < 10 || bytes[..4] != MAGIC {
-        bail!("{name}: not a checkpoint: it does not start with UAVC");
+    if bytes.len() < 10 || bytes[..4] != magic {
+        let magic = String::from_utf8_lossy(&magic);
+        bail!("{name}: not a checkpoint: it does not start with {magic}");
     }
-    let version = u16::from_le_bytes([bytes[4], bytes[5]]);
+    let found = u16::from_le_bytes([bytes[4], bytes[5]]);
     ensure!(
-        version == VERSION,
-        "{name}: checkpoint version is {version}, but this build reads {VERSION}"
+        found == version,
+        "{name}: checkpoint version is {found}, but this build reads {version}"
     );
     let expected = u32::from_le_bytes([bytes[6], bytes[7], bytes[8], bytes[9]]);
     let got = CHECKSUM.checksum(&bytes[10..]);

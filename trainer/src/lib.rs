@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`settings`] | all settings of a run, with the paper's values marked |
 //! | [`sac`], [`ddpg`] | the learning algorithms; [`head`] is SAC's hybrid action |
+//! | [`imitation`] | one policy for any mission, which imitates the planner |
 //! | [`learner`] | the interface of a learning algorithm |
 //! | [`replay`] | the replay memory |
 //! | [`nn`] | layers, back-propagation, Adam |
@@ -27,6 +28,7 @@ pub mod evaluate;
 #[cfg(test)]
 mod fixture;
 pub mod head;
+pub mod imitation;
 pub mod learner;
 pub mod metrics;
 pub mod nn;

@@ -26,6 +26,12 @@ impl<T: Scalar> Area<T> {
         let within = |value: T, extent: T| value >= T::zero() && value <= extent;
         within(place.x, self.east_m) && within(place.y, self.north_m)
     }
+
+    /// Returns the nearest place in the area.
+    pub fn nearest(&self, place: &Position<T>) -> Position<T> {
+        let within = |value: T, extent: T| value.max(T::zero()).min(extent);
+        Position::new(within(place.x, self.east_m), within(place.y, self.north_m))
+    }
 }
 
 /// The unchecked parameters of a mission. Units are metres, seconds, watts, hertz and decibels.

@@ -192,7 +192,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let slots = self.search.mission.slots();
         let slot = state.slot.min(slots.saturating_add(1)).max(1);
         let ahead = slot.checked_sub(self.slot).map(|passed| passed as usize);
-        self.agility = sound(&state.agility, &self.search.mission);
+        self.agility = state.agility.sound(&self.search.mission);
         if let Some(passed) = ahead {
             let mut parts = Parts::carve(&self.search.capacity, self.memory.parts());
             parts.best.drop_first(passed);
@@ -214,7 +214,7 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         self.search.capacity.check(mission)?;
         let kept = mission.slots() == self.search.mission.slots();
         self.search.replace_mission(mission);
-        self.agility = sound(&self.agility, mission);
+        self.agility = self.agility.sound(mission);
         self.slot = self.slot.min(mission.slots() + 1);
         let (counts, position) = (self.counts.clone(), self.search.from());
         self.begin(&counts, position, kept);
@@ -340,37 +340,9 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Planner<T, S, M, J
         let count = |counts: &[u32], user| counts.get(user).copied().unwrap_or(0);
         observation.slot == self.slot
             && observation.position == self.search.from()
-            && sound(&observation.agility, self.mission()) == self.agility
+            && observation.agility.sound(self.mission()) == self.agility
             && (0..self.search.users())
                 .all(|user| count(observation.counts, user) == count(&self.counts, user))
-    }
-}
-
-/// Returns the capabilities that a plan is made for: see [`PlannerState::agility`].
-fn sound<T: Scalar, const M: usize, const J: usize>(
-    agility: &Agility<T>,
-    mission: &Mission<T, M, J>,
-) -> Agility<T> {
-    let ideal = Agility::ideal(mission);
-    // NaN is not above 0 either.
-    let or = |value: T, otherwise: T| {
-        if value > T::zero() {
-            value.min(otherwise)
-        } else {
-            otherwise
-        }
-    };
-    let velocity_change_m = or(agility.velocity_change_m, ideal.velocity_change_m);
-    let matters = velocity_change_m.finite() && agility.drift_m.iter().all(|drift| drift.finite());
-    Agility {
-        step_m: or(agility.step_m, ideal.step_m),
-        reach_m: or(agility.reach_m, ideal.reach_m),
-        velocity_change_m,
-        drift_m: if matters {
-            agility.drift_m
-        } else {
-            ideal.drift_m
-        },
     }
 }
 

@@ -1,19 +1,17 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
-//! The rates of the users as a function of the vehicle's position.
+//! The gains with which the planner evaluates rates ([`crate::place_rates`]).
 //!
-//! Rates come from the exact solution of the slot problem ([`crate::inner`]). The channel's
-//! amplitude gains come from a table over the horizontal distance, because the line-of-sight
-//! model costs an arc sine and two exponentials per node on the ground. Where the table is not
-//! accurate (extreme altitudes, and the models of 3GPP, whose gain has a kink), the model itself is
+//! The channel's amplitude gains come from a table over the horizontal distance, because the
+//! line-of-sight model costs an arc sine and two exponentials per node on the ground. Where the
+//! table is not accurate (extreme altitudes, and the models of 3GPP, whose gain has a kink), the model itself is
 //! evaluated. A mission with a map of gains uses the map.
 
 use super::learned_gains::LearnedGains;
 use crate::{
     channel::GroundNode,
-    inner::{SlotLimits, Workspace},
     mission::{Mission, RadioModel},
+    place_rates::{self, AmplitudeGains},
     scalar::{Position, Scalar},
-    units::PowerGain,
 };
 
 /// The number of intervals of the gain table.
@@ -23,10 +21,6 @@ const INTERVALS: usize = 256;
 pub(super) const GAIN_ENTRIES: usize = INTERVALS + 4;
 /// The largest relative error of the table, in the middle of an interval, at which it is used.
 const TABLE_TOLERANCE: f64 = 2e-5;
-
-/// The rate of a user that left, bit/s/Hz: below every rate and price, so that no assignment serves
-/// it.
-const ABSENT: f64 = -1000.0;
 
 /// The scale of the gain table. Entry `i` is for the horizontal distance `d` with
 /// `d / (d + knee) = (i - 1) / INTERVALS * end`: fine nearby, coarse far away.
@@ -80,25 +74,6 @@ impl<T: Scalar> GainScale<T> {
         }
     }
 
-    /// Returns the amplitude gain between a vehicle over `place` and a node, which is at `ground`.
-    fn amplitude<const M: usize, const J: usize>(
-        &self,
-        mission: &Mission<T, M, J>,
-        table: &[T],
-        place: &Position<T>,
-        (node, ground): (GroundNode, &Position<T>),
-    ) -> T {
-        if mission.has_gain_map() {
-            return mission.power_gain(node, place).amplitude();
-        }
-        let distance_m = (place - ground).norm();
-        if self.accurate {
-            self.look_up(table, distance_m)
-        } else {
-            mission.channel().power_gain_across(distance_m).amplitude()
-        }
-    }
-
     /// Returns the distance at `x` intervals, not negative; the entries outside the range mirror or
     /// extend it.
     fn distance_m(&self, x: T) -> T {
@@ -122,77 +97,48 @@ impl<T: Scalar> GainScale<T> {
     }
 }
 
-/// Everything that is needed to evaluate rates at a place.
-pub(super) struct PlaceRates<'a, T: Scalar, const M: usize, const J: usize> {
-    pub(super) mission: &'a Mission<T, M, J>,
-    pub(super) limits: &'a SlotLimits<T>,
+/// The gains from the table, where it is accurate, with the biases that were learned in flight.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TableGains<'a, T, const M: usize, const J: usize> {
     pub(super) scale: &'a GainScale<T>,
     pub(super) learned: &'a LearnedGains<T, M, J>,
     pub(super) table: &'a [T],
-    pub(super) workspace: &'a mut Workspace<T, J>,
 }
 
-impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
-    /// Returns the operations that one place costs, an estimate for the budget of work.
-    pub(super) fn operations(mission: &Mission<T, M, J>) -> u64 {
-        let with_table = (60 * mission.sensor_count() + 100 * mission.user_count()) as u64;
-        let by_table = mission.parameters().radio_model == RadioModel::ProbabilisticLos
-            && !mission.has_gain_map();
-        // The models of TR 36.777 have a kink, at which the table is not accurate.
-        if by_table { with_table } else { 4 * with_table }
-    }
-
-    /// Calls `visit` with the rate, bit/s/Hz, of every user in `users` with the vehicle over
-    /// `place`; 0 where no choice meets `Gamma`, and [`ABSENT`] for users that left. Worst case: one sort of `J` sensors, then
-    /// `O(log J)` per user.
-    pub(super) fn each(
-        &mut self,
+impl<T: Scalar, const USERS: usize, const SENSORS: usize> AmplitudeGains<T>
+    for TableGains<'_, T, USERS, SENSORS>
+{
+    fn amplitude<const M: usize, const J: usize>(
+        &self,
+        mission: &Mission<T, M, J>,
         place: &Position<T>,
-        users: impl Iterator<Item = usize>,
-        mut visit: impl FnMut(usize, T),
-    ) {
-        let p = self.mission.parameters();
-        let mut amplitudes = [T::zero(); J];
-        let mut count = 0;
-        for ((sensor, ground), amplitude) in self.mission.sensors().zip(&mut amplitudes) {
-            let node = (GroundNode::Sensor(sensor), ground);
-            *amplitude = self.scale.amplitude(self.mission, self.table, place, node)
-                * self.learned.factor(node.0);
-            count += 1;
+        (node, ground): (GroundNode, &Position<T>),
+    ) -> T {
+        let learned = self.learned.factor(node);
+        if mission.has_gain_map() {
+            return learned * mission.power_gain(node, place).amplitude();
         }
-        let (scale, table, mission) = (self.scale, self.table, self.mission);
-        let learned = self.learned;
-        let sensors = amplitudes.get(..count).unwrap_or(&[]);
-        let field = self.workspace.sensors_of_amplitude(self.limits, sensors);
-        let feasible = field.as_ref().is_ok_and(|field| field.is_feasible());
-        for user in users {
-            let rate = match (&field, p.users.get(user)) {
-                _ if !mission.has_user(user) => T::of(ABSENT),
-                (Ok(field), Some(ground)) if feasible => {
-                    let node = (GroundNode::User(user), ground);
-                    let amplitude =
-                        scale.amplitude(mission, table, place, node) * learned.factor(node.0);
-                    field.rate(PowerGain(amplitude * amplitude))
-                }
-                _ => T::zero(),
-            };
-            visit(user, if rate.finite() { rate } else { T::zero() });
-        }
+        let distance_m = (place - ground).norm();
+        let amplitude = if self.scale.accurate {
+            self.scale.look_up(self.table, distance_m)
+        } else {
+            mission.channel().power_gain_across(distance_m).amplitude()
+        };
+        learned * amplitude
     }
+}
 
-    /// Writes the rate of every user, bit/s/Hz, into `row`, which has one entry per user.
-    pub(super) fn write(&mut self, place: &Position<T>, row: &mut [T]) {
-        self.each(place, 0..row.len(), |user, rate| {
-            if let Some(entry) = row.get_mut(user) {
-                *entry = rate;
-            }
-        });
-    }
+/// The rates at a place, by the table.
+pub(super) type PlaceRates<'a, T, const M: usize, const J: usize> =
+    place_rates::PlaceRates<'a, T, TableGains<'a, T, M, J>, M, J>;
 
-    /// Returns the rate of one user, bit/s/Hz.
-    pub(super) fn of_user(&mut self, place: &Position<T>, user: usize) -> T {
-        let mut found = T::zero();
-        self.each(place, core::iter::once(user), |_, rate| found = rate);
-        found
-    }
+/// Returns the operations that one place costs, an estimate for the budget of work.
+pub(super) fn operations_per_place<T: Scalar, const M: usize, const J: usize>(
+    mission: &Mission<T, M, J>,
+) -> u64 {
+    let with_table = (60 * mission.sensor_count() + 100 * mission.user_count()) as u64;
+    let by_table =
+        mission.parameters().radio_model == RadioModel::ProbabilisticLos && !mission.has_gain_map();
+    // The models of TR 36.777 have a kink, at which the table is not accurate.
+    if by_table { with_table } else { 4 * with_table }
 }

@@ -40,11 +40,7 @@ impl<T: Scalar> Route<T> {
         let reach_m = agility.step_m;
         let rounding = rounding_m(&p.area, reach_m);
         let least_m = reach_m * T::of(0.5);
-        let within = |value: T, extent: T| value.max(T::zero()).min(extent);
-        let from = Position::new(
-            within(position.x, p.area.east_m),
-            within(position.y, p.area.north_m),
-        );
+        let from = p.area.nearest(&position);
         Self {
             from,
             inertia: Inertia::of_vehicle(mission, (from, slots), agility),

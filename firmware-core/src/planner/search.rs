@@ -17,7 +17,7 @@ use super::{
     learned_gains::LearnedGains,
     memory::{Capacity, Parts},
     order::{self, Change, Tables},
-    place_rates::{GAIN_ENTRIES, GainScale, PlaceRates},
+    place_rates::{GAIN_ENTRIES, GainScale, PlaceRates, TableGains, operations_per_place},
     polish::{self, Chains},
     polish_pairs::PairChains,
     prices::Prices,
@@ -244,16 +244,18 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         PlaceRates {
             mission: &self.mission,
             limits: &self.limits,
-            scale: &self.gains,
-            learned: &self.learned,
-            table,
+            gains: TableGains {
+                scale: &self.gains,
+                learned: &self.learned,
+                table,
+            },
             workspace: &mut self.workspace,
         }
     }
 
     /// Returns the operations of the largest step.
     pub(super) fn largest_step(&self) -> u64 {
-        let rates = PlaceRates::<T, M, J>::operations(&self.mission);
+        let rates = operations_per_place(&self.mission);
         let (slots, users) = (self.route.slots, self.users());
         let nodes = self.stages.lattice.len();
         [
@@ -273,7 +275,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
     /// Carries out one step. Returns the operations that it took, at most
     /// [`largest_step`](Self::largest_step).
     pub(super) fn step(&mut self, parts: &mut Parts<'_, T>) -> u64 {
-        let rates = PlaceRates::<T, M, J>::operations(&self.mission);
+        let rates = operations_per_place(&self.mission);
         match self.phase {
             Phase::Gains { entry } => {
                 for entry in entry..entry + ENTRIES_PER_STEP {
@@ -671,7 +673,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         } else {
             self.end_round()
         };
-        let rates = PlaceRates::<T, M, J>::operations(&self.mission);
+        let rates = operations_per_place(&self.mission);
         rates * polish::PLACES as u64 + Chains::<T>::OPERATIONS
     }
 
@@ -700,7 +702,7 @@ impl<T: Scalar, const M: usize, const J: usize> Search<T, M, J> {
         } else {
             self.end_round()
         };
-        let rates = PlaceRates::<T, M, J>::operations(&self.mission);
+        let rates = operations_per_place(&self.mission);
         rates * super::memory::PLACES as u64 + PairChains::<T>::OPERATIONS
     }
 

@@ -6,16 +6,19 @@
 //! [shield](crate::shield) makes every action admissible.
 //!
 //! This module has the two rule-based policies of the paper's comparisons, and trained ones:
-//! [`mlp`] runs on every platform, from a `.policy` file; `onnx` (a feature, needs std) runs
-//! `.onnx` files.
+//! [`mlp`] flies the map that it was trained on and [`sets`] any map, both on every platform and from
+//! a `.policy` file; `onnx` (a feature, needs std) runs `.onnx` files.
 
+mod container;
 mod interface;
 pub mod mlp;
 #[cfg(feature = "onnx")]
 pub mod onnx;
 mod provenance;
 mod rules;
+pub mod sets;
 
+pub use container::{ContainerError, format_version};
 pub use interface::{
     Action, MeasuredGains, OUTPUT_EXTRA, Observation, PlanQuality, Policy, STATE_EXTRA, output_len,
     state_len,

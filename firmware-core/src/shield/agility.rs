@@ -44,6 +44,30 @@ impl<T: Scalar> Agility<T> {
         }
     }
 
+    /// Returns capabilities that a policy can rely on: steps of at most `V_max delta`. A step or
+    /// change of velocity that is not above 0 counts as no limit of its own, a drift that is not
+    /// finite as rest.
+    #[cfg(feature = "policy")]
+    pub(crate) fn sound<const M: usize, const J: usize>(&self, mission: &Mission<T, M, J>) -> Self {
+        let ideal = Self::ideal(mission);
+        // NaN is not above 0 either.
+        let or = |value: T, otherwise: T| {
+            if value > T::zero() {
+                value.min(otherwise)
+            } else {
+                otherwise
+            }
+        };
+        let velocity_change_m = or(self.velocity_change_m, ideal.velocity_change_m);
+        let matters = velocity_change_m.finite() && self.drift_m.iter().all(|drift| drift.finite());
+        Self {
+            step_m: or(self.step_m, ideal.step_m),
+            reach_m: or(self.reach_m, ideal.reach_m),
+            velocity_change_m,
+            drift_m: if matters { self.drift_m } else { ideal.drift_m },
+        }
+    }
+
     /// As [`allowed_m`](Self::allowed_m), where the mission ends before the vehicle would be at
     /// rest: after `slots_after` more slots, each of which may reduce the step by `gain`.
     pub(super) fn ended_m(&self, last_m: T, available_m: T, slots_after: u32) -> T {

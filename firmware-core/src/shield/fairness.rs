@@ -30,6 +30,24 @@ impl<const M: usize> Fairness<M> {
         fairness
     }
 
+    /// Creates the state after `slots_done` slots of a mission, from the number of slots that each
+    /// user was served in. Quotas are not reduced where they can no longer be met.
+    pub fn of_state<T: Scalar, const J: usize>(
+        mission: &Mission<T, M, J>,
+        counts: &[u32],
+        slots_done: u32,
+    ) -> Self {
+        let users = 0..mission.user_count();
+        let quota = |user| mission.has_user(user).then(|| mission.quota_of(user));
+        let counts = counts.iter().copied().chain(core::iter::repeat(0));
+        Self {
+            counts: collect_first(counts.take(users.end)),
+            quotas: collect_first(users.map(quota)),
+            slots: mission.slots(),
+            slots_done,
+        }
+    }
+
     /// Applies changes of the mission: users that joined or left, the number of slots.
     /// Where the quotas can no longer be met in the slots that are left, those of the users that
     /// are owed most are reduced. `under_way` is the user of the slot under way, if there is one: this
@@ -94,17 +112,21 @@ impl<const M: usize> Fairness<M> {
         self.quota(user).is_some() && owed_after <= slots_after
     }
 
-    /// Returns the admissible user with the highest score, the first of equals. Such a user always
-    /// exists: quotas are out of reach only after slots in which no user was heard, and then every
-    /// user below its quota is admissible.
-    pub fn best<T: PartialOrd>(&self, score: impl Fn(usize) -> T) -> Option<usize> {
+    /// Returns the admissible users. There is one in every slot of the mission: quotas are out of
+    /// reach only after slots in which no user was heard, and then every user below its quota is
+    /// admissible.
+    pub fn admissible(&self) -> impl Iterator<Item = usize> + '_ {
         let users = 0..self.counts.len();
         let owed = self.owed();
         let lost = !users.clone().any(|user| self.admits_beside(owed, user));
-        let admissible =
-            |&user: &usize| self.admits_beside(owed, user) || (lost && self.owed_to(user) > 0);
+        users
+            .filter(move |&user| self.admits_beside(owed, user) || (lost && self.owed_to(user) > 0))
+    }
+
+    /// Returns the [admissible](Self::admissible) user with the highest score, the first of equals.
+    pub fn best<T: PartialOrd>(&self, score: impl Fn(usize) -> T) -> Option<usize> {
         let mut best: Option<(usize, T)> = None;
-        for user in users.filter(admissible) {
+        for user in self.admissible() {
             let value = score(user);
             if best.as_ref().is_none_or(|(_, highest)| value > *highest) {
                 best = Some((user, value));
@@ -212,6 +234,26 @@ mod tests {
         assert_eq!(best([2, 0, 0], 4, [9.0, 1.0, 1.0]), Some(1));
         assert_eq!(best([3, 1, 0], 6, [9.0, 1.0, 2.0]), Some(2));
         assert_eq!(best([1, 2, 3], 7, [1.0, 9.0, 9.0]), Some(0));
+    }
+
+    /// The state that is made from counts is the tracked one, in every slot of a mission.
+    #[test]
+    fn a_state_is_made_from_counts() {
+        let mission = crate::test_missions::table_one::<f64>();
+        let mut tracked = Fairness::new(&mission);
+        for slots_done in 0..60 {
+            let made = Fairness::of_state(&mission, tracked.counts(), slots_done);
+            assert_eq!(made, tracked);
+            let admitted = (0..15).filter(|&user| made.admits(user));
+            assert!(made.admissible().eq(admitted), "{slots_done}");
+            tracked.record(made.admissible().last());
+        }
+        assert!(tracked.is_fair());
+        // Users without a count have 0.
+        assert_eq!(
+            Fairness::of_state(&mission, &[], 0),
+            Fairness::new(&mission)
+        );
     }
 
     /// A change is recorded if a user with a higher score is not admissible, and stays recorded.

@@ -1,5 +1,6 @@
 //! The subcommands. Each reads its arguments, calls the library and prints the result.
 
+mod imitate;
 mod outcome;
 mod policies;
 mod runs;

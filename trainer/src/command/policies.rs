@@ -14,6 +14,7 @@ use firmware_core::{
     policy::{
         Policy, StraightLine,
         mlp::{self, Mlp},
+        sets::Precision,
     },
 };
 use rand::SeedableRng;
@@ -23,6 +24,7 @@ use serde::Serialize;
 use trainer::{
     checkpoint,
     evaluate::{Flight, fly},
+    imitation::run::TrainedNetwork,
     onnx,
 };
 
@@ -33,8 +35,14 @@ pub(crate) struct Export {
     /// The checkpoint.bin of a run
     checkpoint: PathBuf,
     /// The ONNX file to write
-    #[arg(long, value_name = "FILE")]
-    onnx: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "policy")]
+    onnx: Option<PathBuf>,
+    /// The .policy file to write, of a run with --missions random
+    #[arg(long, value_name = "FILE", conflicts_with = "onnx")]
+    policy: Option<PathBuf>,
+    /// With --policy: write weights of 32 instead of 16 bits
+    #[arg(long, requires = "policy")]
+    single: bool,
     /// Write the latest policy instead of the best one
     #[arg(long)]
     latest: bool,
@@ -42,10 +50,22 @@ pub(crate) struct Export {
 
 impl Export {
     pub(crate) fn execute(self) -> Outcome {
+        if let Some(path) = &self.policy {
+            let precision = match self.single {
+                true => Precision::Single,
+                false => Precision::Half,
+            };
+            let network = TrainedNetwork::read(&self.checkpoint, self.latest);
+            let file = network.and_then(|network| network.to_policy_file(precision));
+            return write(path, &file.map_err(Failure::BadInput)?);
+        }
+        let Some(onnx) = &self.onnx else {
+            return Ok(());
+        };
         let progress = checkpoint::read_progress(&self.checkpoint).map_err(Failure::BadInput)?;
         let best = progress.best.filter(|_| !self.latest);
         let actor = best.map_or(progress.latest, |best| best.actor);
-        write(&self.onnx, &onnx::write(&actor))
+        write(onnx, &onnx::write(&actor))
     }
 }
 

@@ -7,12 +7,14 @@ use std::{
 };
 
 use anyhow::{Context, Error, anyhow, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use environment::{Allocation, Constraints};
 use files::input;
 use scenario::{Scenario, ScenarioChoice};
+use serde::{Serialize, de::DeserializeOwned};
 use trainer::{
     ddpg::Ddpg,
+    imitation::{run::is_imitation, settings::ImitationSettings},
     learner::Learner,
     run::{CHECKPOINT, POLICY, Run, has_run},
     sac::Sac,
@@ -20,12 +22,23 @@ use trainer::{
     training::Training,
 };
 
-use super::outcome::{Failure, Outcome};
+use super::{
+    imitate::ImitationOptions,
+    outcome::{Failure, Outcome},
+};
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {
     #[command(flatten)]
     mission: ScenarioChoice,
+    /// Train one policy for any mission, on missions drawn at random, by imitation of the planner
+    #[arg(long, value_enum, conflicts_with_all = [
+        "scenario", "mse_threshold", "noise_dbm", "slots", "algorithm", "preset", "episodes",
+        "discount", "inner", "constraints", "seeds", "resume",
+    ])]
+    missions: Option<Missions>,
+    #[command(flatten)]
+    imitation: ImitationOptions,
     /// The learning algorithm [default: sac, or as in the settings file]
     #[arg(long, value_enum)]
     algorithm: Option<Algorithm>,
@@ -81,6 +94,13 @@ pub(crate) struct Train {
     quiet: bool,
 }
 
+/// The missions of a policy for any mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Missions {
+    /// Of the distribution of `host-sim scenario random`, each new
+    Random,
+}
+
 /// An inclusive range of seeds, `FIRST..LAST` on the command line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Seeds {
@@ -127,7 +147,18 @@ impl FromStr for Seeds {
 
 impl Train {
     pub(crate) fn execute(self) -> Outcome {
+        if self.missions == Some(Missions::Random) {
+            return self.imitate();
+        }
+        let imitation = |directory: &PathBuf| is_imitation(&directory.join(CHECKPOINT));
+        let continued = self.resume && self.out.as_ref().is_some_and(imitation);
+        if self.imitation.has_duration() && !continued {
+            return Err(Failure::BadInput(anyhow!(
+                "--minutes and --steps are for --missions random; without it, --episodes says how long"
+            )));
+        }
         match &self.out {
+            Some(directory) if continued => self.imitation.resume(directory, !self.quiet),
             Some(directory) if self.resume => {
                 let run = Run::open(directory).map_err(Failure::BadInput)?;
                 match run.progress.settings.algorithm {
@@ -143,6 +174,26 @@ impl Train {
                 }
             }
         }
+    }
+
+    /// Starts an imitation.
+    fn imitate(&self) -> Outcome {
+        let prepare = || -> anyhow::Result<_> {
+            let mut settings = ImitationSettings::default();
+            if let Some((path, table)) = self.settings_file()? {
+                settings = overlay(&settings, table).with_context(|| path.display().to_string())?;
+            }
+            settings.seed = self.seed.unwrap_or(settings.seed);
+            settings.learning_rate = self.learning_rate.unwrap_or(settings.learning_rate);
+            let directory = self
+                .out
+                .clone()
+                .unwrap_or_else(|| PathBuf::from("out").join(format!("any-{}", settings.seed)));
+            self.check_directory(&directory)?;
+            Ok((settings, directory))
+        };
+        let (settings, directory) = prepare().map_err(Failure::BadInput)?;
+        self.imitation.start(settings, &directory, !self.quiet)
     }
 
     fn resume<L: Learner>(&self, scenario: Scenario, directory: &Path) -> Outcome {
@@ -239,17 +290,23 @@ impl Train {
         Ok(())
     }
 
+    /// Reads the settings file, if one is given.
+    fn settings_file(&self) -> anyhow::Result<Option<(&PathBuf, toml::Table)>> {
+        let Some(path) = &self.settings else {
+            return Ok(None);
+        };
+        let text = input::read_text(path).with_context(|| path.display().to_string())?;
+        let table = text.parse::<toml::Table>();
+        Ok(Some((
+            path,
+            table.with_context(|| path.display().to_string())?,
+        )))
+    }
+
     /// Returns the settings of the preset, overridden by those of the settings file, overridden by
     /// those of the command line.
     fn collect_settings(&self) -> anyhow::Result<TrainingSettings> {
-        let file = match &self.settings {
-            Some(path) => {
-                let text = input::read_text(path).with_context(|| path.display().to_string())?;
-                let table = text.parse::<toml::Table>();
-                Some((path, table.with_context(|| path.display().to_string())?))
-            }
-            None => None,
-        };
+        let file = self.settings_file()?;
         // Presets depend on the algorithm.
         let named = file.as_ref().and_then(|(_, table)| table.get("algorithm"));
         let named = named.and_then(|name| name.clone().try_into().ok());
@@ -279,7 +336,10 @@ impl Train {
 }
 
 /// Returns the settings with the values that a table contains replaced.
-fn overlay(settings: &TrainingSettings, changes: toml::Table) -> anyhow::Result<TrainingSettings> {
+fn overlay<S: Serialize + DeserializeOwned>(
+    settings: &S,
+    changes: toml::Table,
+) -> anyhow::Result<S> {
     let mut table = toml::Table::try_from(settings)?;
     table.extend(changes);
     Ok(table.try_into()?)

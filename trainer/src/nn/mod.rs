@@ -21,6 +21,7 @@ pub mod mlp;
 pub mod product;
 #[cfg(test)]
 pub(crate) mod reference;
+pub mod sets;
 
 pub use activations::Activations;
 pub use adam::Adam;

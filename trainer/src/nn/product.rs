@@ -65,6 +65,10 @@ pub enum Epilogue<'a> {
     Bias(&'a [f32]),
     /// Adds the row's bias and applies `max(0, .)`.
     BiasRelu(&'a [f32]),
+    /// Adds the column's bias; the slice has at least as many elements as there are columns.
+    ColumnBias(&'a [f32]),
+    /// Adds the product to what `C` contains.
+    Accumulate,
     /// Sets the element to zero unless this matrix (shaped like `C`) is positive there: the
     /// derivative of ReLU.
     WherePositive(&'a [f32]),
@@ -87,6 +91,9 @@ pub fn product(
     assert_eq!(columns % LANES, 0, "columns must be a multiple of {LANES}");
     assert!(b.len() >= k * columns, "right factor is too short");
     assert!(c.len() >= a.rows * columns, "result is too short");
+    if let Epilogue::ColumnBias(bias) = epilogue {
+        assert!(bias.len() >= columns, "bias is too short");
+    }
     if a.rows == 0 {
         return;
     }
@@ -136,15 +143,16 @@ impl Product<'_> {
         let width = self.columns / S::F32_LANES;
         let (b, _) = S::as_simd_f32s(&self.b[..self.k * self.columns]);
         let (c, _) = S::as_mut_simd_f32s(&mut self.c[..self.a.rows * self.columns]);
-        let gate = match self.epilogue {
+        let operand = match self.epilogue {
             Epilogue::WherePositive(gate) => S::as_simd_f32s(&gate[..self.a.rows * self.columns]).0,
+            Epilogue::ColumnBias(bias) => S::as_simd_f32s(&bias[..self.columns]).0,
             _ => &[],
         };
         let mut panel = Panel::<S> {
             a: self.a,
             b,
             c,
-            gate,
+            operand,
             k: self.k,
             width,
             epilogue: self.epilogue,
@@ -165,7 +173,8 @@ struct Panel<'a, S: Simd> {
     a: Left<'a>,
     b: &'a [S::f32s],
     c: &'a mut [S::f32s],
-    gate: &'a [S::f32s],
+    /// The gate or the bias of the epilogue.
+    operand: &'a [S::f32s],
     k: usize,
     width: usize,
     epilogue: Epilogue<'a>,
@@ -216,9 +225,11 @@ impl<S: Simd> Panel<'_, S> {
                         simd.select_f32s(negative, zero, z)
                     }
                     Epilogue::WherePositive(_) => {
-                        let on = simd.greater_than_f32s(self.gate[start + v], zero);
+                        let on = simd.greater_than_f32s(self.operand[start + v], zero);
                         simd.select_f32s(on, sum, zero)
                     }
+                    Epilogue::ColumnBias(_) => simd.add_f32s(sum, self.operand[column + v]),
+                    Epilogue::Accumulate => simd.add_f32s(self.c[start + v], sum),
                 };
             }
         }
@@ -320,6 +331,11 @@ mod tests {
                                 expected(&|i| biased(i).max(0.0))
                             );
                             assert_eq!(with(Epilogue::WherePositive(&gate)), expected(&gated));
+                            let added = |i: usize| plain[i] + gate[i % columns];
+                            assert_eq!(with(Epilogue::ColumnBias(&gate)), expected(&added));
+                            let mut c = gate.clone();
+                            product(arch, left, &b, &mut c, k, columns, Epilogue::Accumulate);
+                            assert_eq!(c, expected(&|i| gate[i] + plain[i]));
                         }
                     }
                 }

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! The format of a policy file.
 
-use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use crate::policy::{Provenance, output_len, state_len};
+use crate::policy::{
+    Provenance,
+    container::{self, ContainerError, PREAMBLE},
+    output_len, state_len,
+};
 
 /// The format version that this crate reads and writes.
 pub const FORMAT_VERSION: u16 = 1;
@@ -15,12 +18,6 @@ pub const WIDTH_MAX: usize = 256;
 
 /// The largest number of layers.
 pub const LAYERS_MAX: usize = 6;
-
-pub(super) const MAGIC: [u8; 4] = *b"UAVP";
-
-pub(super) const PREAMBLE: usize = 10;
-
-pub(super) const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// The header of a policy file, before the numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,23 +75,9 @@ impl Header {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoadError {
-    /// The file is of another kind, or is incomplete.
-    #[error("not a .policy file: it does not start with UAVP")]
-    NotAPolicy,
-    /// The file has another format version.
-    #[error("format version is {got}, but this build reads {FORMAT_VERSION}")]
-    Version {
-        /// The file's version.
-        got: u16,
-    },
-    /// The file is damaged or incomplete.
-    #[error("checksum is {got:#010x}, but the file says {expected:#010x}: the file is damaged")]
-    Checksum {
-        /// The checksum of the bytes.
-        got: u32,
-        /// The checksum in the file.
-        expected: u32,
-    },
+    /// The file is of another kind or version, or damaged.
+    #[error(transparent)]
+    Container(#[from] ContainerError),
     /// The header cannot be decoded.
     #[error("the header cannot be decoded")]
     Header,
@@ -181,7 +164,7 @@ pub fn write(
     let too_long = WriteError::TooLong {
         capacity: file.len(),
     };
-    let (preamble, body) = file.split_at_mut_checked(PREAMBLE).ok_or(too_long)?;
+    let (_, body) = file.split_at_mut_checked(PREAMBLE).ok_or(too_long)?;
     let head = postcard::to_slice(header, body)
         .map_err(|_| too_long)?
         .len();
@@ -190,8 +173,8 @@ pub fn write(
     for (bytes, number) in room.chunks_exact_mut(4).zip(numbers) {
         bytes.copy_from_slice(&number.to_le_bytes());
     }
-    preamble[..4].copy_from_slice(&MAGIC);
-    preamble[4..6].copy_from_slice(&FORMAT_VERSION.to_le_bytes());
-    preamble[6..].copy_from_slice(&CHECKSUM.checksum(&body[..end]).to_le_bytes());
-    Ok(PREAMBLE + end)
+    let length = PREAMBLE + end;
+    let file = file.get_mut(..length).ok_or(too_long)?;
+    container::seal(file, FORMAT_VERSION).ok_or(too_long)?;
+    Ok(length)
 }

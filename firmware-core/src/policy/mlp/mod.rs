@@ -25,8 +25,9 @@
 mod format;
 mod network;
 
+pub use crate::policy::container::SELF_TEST_TOLERANCE;
 pub use format::{FORMAT_VERSION, Header, LAYERS_MAX, LoadError, WIDTH_MAX, WriteError, write};
-pub use network::{Mlp, SELF_TEST_TOLERANCE};
+pub use network::Mlp;
 
 #[cfg(test)]
 mod tests;

@@ -5,14 +5,12 @@ use core::fmt;
 
 use heapless::Vec;
 
-use super::format::{CHECKSUM, FORMAT_VERSION, Header, LoadError, MAGIC, PREAMBLE, WIDTH_MAX};
+use super::format::{FORMAT_VERSION, Header, LoadError, WIDTH_MAX};
 use crate::collect::collect_first;
 use crate::mission::MissionChange;
+use crate::policy::container::{self, floats};
 use crate::policy::{Action, MeasuredGains, Observation, PlanQuality, Policy, Provenance};
 use crate::scalar::{Displacement, Scalar};
-
-/// The largest difference from its test vector that a policy may have, as a fraction of full scale.
-pub const SELF_TEST_TOLERANCE: f32 = 1e-5;
 
 /// A policy on the bytes of its file: `&'static [u8]` in flash, `Vec<u8>` on a host.
 #[derive(Clone)]
@@ -38,21 +36,7 @@ impl<B: AsRef<[u8]>> Mlp<B> {
     /// Returns what is wrong with the file.
     pub fn load(file: B) -> Result<Self, LoadError> {
         let bytes = file.as_ref();
-        let (&[m0, m1, m2, m3, v0, v1, c0, c1, c2, c3], body) = bytes
-            .split_first_chunk::<PREAMBLE>()
-            .ok_or(LoadError::NotAPolicy)?;
-        if [m0, m1, m2, m3] != MAGIC {
-            return Err(LoadError::NotAPolicy);
-        }
-        let version = u16::from_le_bytes([v0, v1]);
-        if version != FORMAT_VERSION {
-            return Err(LoadError::Version { got: version });
-        }
-        let expected = u32::from_le_bytes([c0, c1, c2, c3]);
-        let got = CHECKSUM.checksum(body);
-        if got != expected {
-            return Err(LoadError::Checksum { got, expected });
-        }
+        let body = container::open(bytes, FORMAT_VERSION)?;
         let (header, numbers): (Header, &[u8]) =
             postcard::take_from_bytes(body).map_err(|_| LoadError::Header)?;
         header.check()?;
@@ -106,25 +90,19 @@ impl<B: AsRef<[u8]>> Mlp<B> {
             *x = value;
         }
         let outputs = self.run(&mut buffer).ok_or(LoadError::Header)?;
-        let scores = floats(expected).skip(2);
-        let scores_scale = scores.fold(1.0_f32, |largest, score| largest.max(score.abs()));
-        for (index, (&got, expected)) in outputs.iter().zip(floats(expected)).enumerate() {
-            let scale = if index < 2 {
-                self.header.reach_m
-            } else {
-                scores_scale
-            };
-            // Written so that a NaN fails.
-            let close = (got - expected).abs() <= SELF_TEST_TOLERANCE * scale;
-            if !close {
-                return Err(LoadError::SelfTest {
-                    index,
-                    got,
-                    expected,
-                });
-            }
+        let outputs = outputs.iter().copied();
+        match container::deviation(outputs, floats(expected), self.header.reach_m) {
+            None => Ok(()),
+            Some(container::Deviation {
+                index,
+                got,
+                expected,
+            }) => Err(LoadError::SelfTest {
+                index,
+                got,
+                expected,
+            }),
         }
-        Ok(())
     }
 
     /// Computes displacement (metres) and scores from an observation, in the same buffer. `None`
@@ -206,11 +184,6 @@ impl<T: Scalar, B: AsRef<[u8]>, const M: usize> Policy<T, M> for Mlp<B> {
     fn quality(&self) -> Option<PlanQuality> {
         None
     }
-}
-
-fn floats(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
-    let (words, _) = bytes.as_chunks::<4>();
-    words.iter().map(|&word| f32::from_le_bytes(word))
 }
 
 /// A number of a file, aligned to a word or not.

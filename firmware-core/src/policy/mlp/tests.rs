@@ -3,7 +3,10 @@
 
 use super::{format::*, *};
 use crate::test_missions::table_one;
-use crate::{Mission, policy::Provenance};
+use crate::{
+    Mission,
+    policy::{Provenance, container},
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::{string::ToString, vec, vec::Vec as StdVec};
@@ -84,8 +87,7 @@ fn file() -> StdVec<u8> {
 
 /// With a matching checksum: only what comes after it is at fault.
 fn sealed(mut file: StdVec<u8>) -> StdVec<u8> {
-    let checksum = CHECKSUM.checksum(&file[PREAMBLE..]);
-    file[6..10].copy_from_slice(&checksum.to_le_bytes());
+    container::seal(&mut file, FORMAT_VERSION).expect("a preamble");
     file
 }
 

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+//! A trained policy for any mission: its observation describes the mission as *sets* of users and
+//! sensors, so that one policy flies every map.
+//!
+//! [`SetsObservation`] holds raw physical units in fixed columns ([`MISSION_COLUMN_NAMES`],
+//! [`USER_COLUMN_NAMES`], [`SENSOR_COLUMN_NAMES`]); the functions of [`features`] turn them into the
+//! inputs `g` (mission), `f_m` (user) and `s_j` (sensor) of the network, which are about 1 in size.
+//!
+//! # The network
+//!
+//! `D`, `F` and `L` are the sizes of its [`Architecture`]; `linear(n)` has `n` outputs; `norm`
+//! subtracts the mean, divides by the standard deviation (with 1e-5 added to the variance) and
+//! multiplies by a vector of scales. The weights are in the order of this table, those of a linear
+//! map as a row per output and then the biases.
+//!
+//! | | | weights of |
+//! |---|---|---|
+//! | sensors | `h_j = linear(D) silu linear(D) s_j`, `pool = [mean_j h_j; max_j h_j]` | both linear maps, the inner one first |
+//! | mission | `z_0 = linear(D) [g; pool]` | |
+//! | users | `z_m = linear(D) f_m` | |
+//! | `L` layers | `[q; k; v] = linear(3 D) norm z`, in 4 heads; `z += linear(D) softmax(q.k / sqrt(D/4)) v` | norm, linear(3 D), linear(D) |
+//! | | `z += linear(D) silu linear(F) norm z` | norm, linear(F), linear(D) |
+//! | end | `z = norm z` | norm |
+//! | displacement | `o = linear(4) silu linear(D) z_0` | linear(D), linear(4) |
+//! | per user | `[score_m; pull_m] = linear(2) silu linear(D) [z_m; z_0]` | linear(D), linear(2) |
+//!
+//! With `p` the average of the users' positions relative to the vehicle, weighted by `softmax_m(3
+//! pull_m)`, `q_f` the destination relative to the vehicle and `r` the reach,
+//!
+//! ```text
+//! v = sigmoid(o_2) p / r + sigmoid(o_3) q_f / r + (o_0, o_1)
+//! displacement = r v / max(1, |v|)
+//! ```
+//!
+//! Permuting users permutes their scores, permuting sensors changes nothing (up to rounding).
+//!
+//! # The file
+//!
+//! Format version 2 of a `.policy` file, all numbers little endian:
+//!
+//! | part | bytes | |
+//! |---|---|---|
+//! | magic | 4 | `UAVP` |
+//! | version | 2 | [`FORMAT_VERSION`] |
+//! | checksum | 4 | CRC-32/ISO-HDLC over all that follows |
+//! | header | varies | [`SetsHeader`] in postcard's encoding |
+//! | weights | 2 or 4 each | IEEE binary16 or binary32 |
+//! | test vector | 4 each | `f32`: the mission's columns, those of each user and of each sensor, then the displacement and a score per user |
+
+mod attention;
+mod columns;
+pub mod features;
+mod format;
+mod half;
+mod network;
+mod observation;
+mod panel;
+mod policy;
+
+pub use columns::{
+    MISSION_COLUMN_NAMES, MISSION_COLUMNS, PLACES, SENSOR_COLUMN_NAMES, SENSOR_COLUMNS, SENSORS,
+    USER_COLUMN_NAMES, USER_COLUMNS, USERS,
+};
+pub use format::{
+    Architecture, FORMAT_VERSION, HEADS, HIDDEN_MAX, LAYERS_MAX, Precision, SetsHeader,
+    SetsLoadError, SetsProvenance, SetsWriteError, WIDTH_MAX, write,
+};
+pub use network::{SetsOutput, SetsWork};
+pub use observation::SetsObservation;
+pub use policy::{SetsMismatch, SetsNetwork, SetsPolicy};
+
+#[cfg(test)]
+mod tests;

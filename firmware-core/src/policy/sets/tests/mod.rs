@@ -1,0 +1,9 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+//! Tests of policies for any mission.
+
+mod file;
+mod missions;
+mod network;
+mod observation;
+mod policy;
+mod reference;

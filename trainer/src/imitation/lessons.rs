@@ -1,0 +1,122 @@
+//! Lessons from a thread in the background.
+//!
+//! Lessons are asked for by index and come in the order in which they were asked for, so what a run
+//! learns from does not depend on how long a plan takes.
+
+use std::{
+    collections::VecDeque,
+    sync::{Arc, mpsc},
+    thread,
+};
+
+use anyhow::Context;
+
+use super::{lesson::Lesson, settings::ImitationSettings};
+use crate::nn::sets::SetNetwork;
+
+/// A mission to plan, and the network that flies it.
+type Request = (u64, Option<Arc<SetNetwork>>);
+
+/// A queue of lessons.
+#[derive(Debug)]
+pub struct Lessons {
+    workers: Vec<Worker>,
+    /// Lessons that have been made but not taken.
+    ready: VecDeque<Lesson>,
+    /// The index of the next lesson to be asked for.
+    next: u64,
+    /// The number of lessons that have been asked for and have not come.
+    expected: usize,
+}
+
+#[derive(Debug)]
+struct Worker {
+    requests: mpsc::Sender<Request>,
+    lessons: mpsc::Receiver<anyhow::Result<Lesson>>,
+}
+
+impl Worker {
+    fn start(settings: ImitationSettings) -> Self {
+        let (requests, incoming) = mpsc::channel::<Request>();
+        let (outgoing, lessons) = mpsc::channel();
+        thread::spawn(move || {
+            for (index, network) in incoming {
+                let lesson = Lesson::new(&settings, index, network.as_deref());
+                // The run is over when nobody takes lessons.
+                if outgoing.send(lesson).is_err() {
+                    break;
+                }
+            }
+        });
+        Self { requests, lessons }
+    }
+}
+
+impl Lessons {
+    /// Starts `threads` threads. The first lesson to be asked for is `next`; before it, `ready` are
+    /// taken.
+    pub fn new(
+        settings: &ImitationSettings,
+        threads: usize,
+        next: u64,
+        ready: VecDeque<Lesson>,
+    ) -> Self {
+        let start = |_| Worker::start(settings.clone());
+        Self {
+            workers: (0..threads.max(1)).map(start).collect(),
+            ready,
+            next,
+            expected: 0,
+        }
+    }
+
+    /// Returns the number of lessons that have been asked for and not taken.
+    pub fn outstanding(&self) -> usize {
+        self.ready.len() + self.expected
+    }
+
+    /// Asks for a lesson, flown by `network` or by the planner.
+    ///
+    /// # Errors
+    /// Fails if a thread has failed.
+    pub fn ask(&mut self, network: Option<Arc<SetNetwork>>) -> anyhow::Result<()> {
+        let worker = &self.workers[self.next as usize % self.workers.len()];
+        let sent = worker.requests.send((self.next, network));
+        sent.ok().context("a planning thread has failed")?;
+        self.next += 1;
+        self.expected += 1;
+        Ok(())
+    }
+
+    /// Takes the next lesson, and waits for it if need be.
+    ///
+    /// # Errors
+    /// Fails if it could not be planned.
+    pub fn take(&mut self) -> anyhow::Result<Lesson> {
+        match self.ready.pop_front() {
+            Some(lesson) => Ok(lesson),
+            None => self.receive(),
+        }
+    }
+
+    fn receive(&mut self) -> anyhow::Result<Lesson> {
+        let index = self.next - self.expected as u64;
+        let worker = &self.workers[index as usize % self.workers.len()];
+        self.expected = self.expected.saturating_sub(1);
+        let lesson = worker.lessons.recv();
+        lesson.context("a planning thread has failed")?
+    }
+
+    /// Waits for all lessons that have been asked for, and returns those that have not been taken
+    /// and the index of the next one to be asked for.
+    ///
+    /// # Errors
+    /// Fails if one could not be planned.
+    pub fn settle(&mut self) -> anyhow::Result<(&VecDeque<Lesson>, u64)> {
+        while self.expected > 0 {
+            let lesson = self.receive()?;
+            self.ready.push_back(lesson);
+        }
+        Ok((&self.ready, self.next))
+    }
+}

@@ -1,0 +1,51 @@
+//! The loss: four times the squared error of the displacement, and the cross entropy of the users'
+//! scores among the users that may be served.
+
+use super::sample::Labels;
+use crate::nn::sets::{
+    SetBatch,
+    heads::{OutputGradients, Outputs},
+};
+
+/// The weight of the displacement's squared error.
+const DISPLACEMENT_WEIGHT: f32 = 4.0;
+/// The names of the numbers that [`imitation`] reports.
+pub const NAMES: [&str; 3] = [
+    "losses/displacement_mse",
+    "losses/user_cross_entropy",
+    "losses/user_accuracy",
+];
+
+/// Adds the losses of a batch to `losses` (in the order of [`NAMES`]) and writes their gradient.
+pub fn imitation(
+    labels: &Labels,
+    batch: &SetBatch,
+    outputs: &Outputs,
+    gradient: &mut OutputGradients,
+    losses: &mut Vec<f64>,
+) {
+    losses.resize(NAMES.len(), 0.0);
+    for state in 0..batch.len() {
+        let (v, target) = (outputs.displacement[state], labels.displacements[state]);
+        let error = [v[0] - target[0], v[1] - target[1]];
+        losses[0] += f64::from(error[0] * error[0] + error[1] * error[1]);
+        gradient.displacement[state] = error.map(|error| 2.0 * DISPLACEMENT_WEIGHT * error);
+
+        let users = batch.users_of(state);
+        let scores = &outputs.scores[users.clone()];
+        let admissible = &labels.admissible[users.clone()];
+        let d_scores = &mut gradient.scores[users];
+        let label = labels.users[state];
+        let among = || (0..scores.len()).filter(|&user| admissible[user] || user == label);
+        let largest = among().map(|user| scores[user]).fold(f32::MIN, f32::max);
+        for user in among() {
+            d_scores[user] = libm::expf(scores[user] - largest);
+        }
+        let total: f32 = d_scores.iter().sum();
+        d_scores.iter_mut().for_each(|share| *share /= total);
+        let beyond = f64::from(scores[label] - largest);
+        losses[1] += libm::log(total.into()) - beyond;
+        losses[2] += f64::from(u8::from(scores[label] >= largest));
+        d_scores[label] -= 1.0;
+    }
+}

@@ -1,0 +1,31 @@
+//! Imitation of the planner by one network for any mission (`trainer train --missions random`).
+//!
+//! Missions are drawn from the distribution of `scenario random` and planned by the onboard planner.
+//! The network learns the planner's waypoint and user in every slot, also from positions beside the
+//! planned path and from the states that it flies to itself (DAgger: Ross, Gordon and Bagnell, 2011).
+//!
+//! | module | content |
+//! |---|---|
+//! | [`settings`] | all settings of a run |
+//! | [`lesson`] | a planned mission as examples |
+//! | [`lessons`] | lessons from threads in the background, in an order that depends on nothing else |
+//! | [`symmetry`] | reflections of a mission |
+//! | [`sample`] | an example as inputs and label of the network |
+//! | [`loss`] | the loss |
+//! | [`policy`] | the network as a policy that flies |
+//! | [`held_out`] | evaluation on missions that are not learned from |
+//! | [`export`] | the `.policy` file |
+//! | [`run`] | a run: start, resume, train, evaluate, save |
+
+pub mod export;
+pub mod held_out;
+pub mod lesson;
+pub mod lessons;
+pub mod loss;
+pub mod policy;
+pub mod run;
+pub mod sample;
+pub mod settings;
+pub mod symmetry;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,97 @@
+//! The checkpoint of a run: `UAVI`, and otherwise as [`crate::checkpoint`].
+
+use std::path::Path;
+
+use anyhow::Context;
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    checkpoint::{read_checked, write_checked},
+    imitation::{lesson::Example, settings::ImitationSettings},
+    metrics::MetricsRow,
+    nn::{Adam, sets::Architecture},
+};
+
+const MAGIC: [u8; 4] = *b"UAVI";
+const VERSION: u16 = 1;
+
+/// The best network so far.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Best {
+    /// Its mean fraction of the planner's totals.
+    pub(super) mean: f64,
+    /// The step after which it was evaluated.
+    pub(super) step: u64,
+    /// Its parameters, in the order of the file.
+    pub(super) parameters: Vec<f32>,
+}
+
+/// Everything that the continuation depends on.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Saved {
+    pub(super) settings: ImitationSettings,
+    pub(super) parameters: Vec<f32>,
+    pub(super) best: Option<Best>,
+    pub(super) step: u64,
+    pub(super) seconds: f64,
+    pub(super) adam: Adam,
+    pub(super) rng: Pcg64Mcg,
+    /// Seeds and examples of the missions.
+    pub(super) lessons: Vec<(u64, Vec<Example>)>,
+    /// Those that have been made but not learned from.
+    pub(super) ready: Vec<(u64, Vec<Example>)>,
+    pub(super) next: u64,
+    pub(super) pilot: Option<Vec<f32>>,
+    pub(super) rows: Vec<MetricsRow>,
+    pub(super) losses: Vec<f64>,
+    pub(super) losses_since: u64,
+}
+
+impl Saved {
+    pub(super) fn write(&self, path: &Path) -> anyhow::Result<()> {
+        write_checked(path, MAGIC, VERSION, self)
+    }
+
+    pub(super) fn read(path: &Path) -> anyhow::Result<Self> {
+        let bytes = read_checked(path, MAGIC, VERSION)?;
+        let saved = postcard::from_bytes(&bytes[10..]);
+        saved.with_context(|| format!("{}: damaged", path.display()))
+    }
+}
+
+/// Returns whether a file is the checkpoint of an imitation.
+pub fn is_imitation(path: &Path) -> bool {
+    std::fs::read(path).is_ok_and(|bytes| bytes.starts_with(&MAGIC))
+}
+
+/// A network of a run, with its origin.
+#[derive(Clone, Debug)]
+pub struct TrainedNetwork {
+    /// Its sizes.
+    pub architecture: Architecture,
+    /// Its parameters, in the order of the file.
+    pub parameters: Vec<f32>,
+    /// The number of missions that the run had learned from when it was saved.
+    pub missions: u32,
+    /// The seed of the run.
+    pub seed: u64,
+}
+
+impl TrainedNetwork {
+    /// Reads the best network of a checkpoint, or the latest one if none has been evaluated or
+    /// `latest` asks for it.
+    ///
+    /// # Errors
+    /// Fails if the file is no valid checkpoint of an imitation.
+    pub fn read(path: &Path, latest: bool) -> anyhow::Result<Self> {
+        let saved = Saved::read(path)?;
+        let best = saved.best.filter(|_| !latest);
+        Ok(Self {
+            architecture: saved.settings.architecture,
+            parameters: best.map_or(saved.parameters, |best| best.parameters),
+            missions: saved.lessons.len().try_into()?,
+            seed: saved.settings.seed,
+        })
+    }
+}

@@ -1,0 +1,189 @@
+//! A state as the inputs of the network, and an example as a sample.
+
+use firmware_core::{
+    Position, SENSORS_MAX,
+    inner::Workspace,
+    policy::{
+        Observation,
+        sets::{SetsObservation, features},
+    },
+    shield::Agility,
+};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use scenario::HostMission;
+
+use super::{
+    lesson::{Example, Lesson},
+    settings::ImitationSettings,
+    symmetry::Symmetry,
+};
+use crate::{
+    learner::fill_normal,
+    nn::sets::{FeatureSizes, SetBatch, batch::SetState},
+};
+
+/// The numbers of features of an observation.
+pub const FEATURES: FeatureSizes = FeatureSizes {
+    mission: features::MISSION_FEATURES,
+    user: features::USER_FEATURES,
+    sensor: features::SENSOR_FEATURES,
+};
+
+/// Turns observations into the inputs of the network.
+#[derive(Debug)]
+pub struct Encoder {
+    workspace: Workspace<f64, SENSORS_MAX>,
+    mission: [f32; features::MISSION_FEATURES],
+    users: Vec<f32>,
+    sensors: Vec<f32>,
+    to_users: Vec<[f32; 2]>,
+    to_destination: [f32; 2],
+    reach_m: f32,
+    admissible: Vec<bool>,
+}
+
+impl Default for Encoder {
+    fn default() -> Self {
+        Self {
+            workspace: Workspace::default(),
+            mission: [0.0; features::MISSION_FEATURES],
+            users: Vec::new(),
+            sensors: Vec::new(),
+            to_users: Vec::new(),
+            to_destination: [0.0; 2],
+            reach_m: 1.0,
+            admissible: Vec::new(),
+        }
+    }
+}
+
+impl Encoder {
+    /// Computes the inputs of a state.
+    pub fn encode(&mut self, mission: &HostMission, observation: &Observation<'_, f64>) {
+        let sets = SetsObservation::new(mission, observation, &mut self.workspace);
+        let &[to_east_m, to_north_m, _, _, _, _, _, reach_m, ..] = &sets.mission;
+        self.mission = features::mission_features(&sets.mission);
+        self.reach_m = reach_m;
+        self.to_destination = [to_east_m / reach_m, to_north_m / reach_m];
+        self.users.clear();
+        self.sensors.clear();
+        self.to_users.clear();
+        self.admissible.clear();
+        for user in sets.user_rows() {
+            let &[east_m, north_m, _, _, admissible, ..] = user;
+            let features = features::user_features(&sets.mission, user);
+            self.users.extend_from_slice(&features);
+            self.to_users.push([east_m / reach_m, north_m / reach_m]);
+            self.admissible.push(admissible > 0.0);
+        }
+        for sensor in sets.sensor_rows() {
+            self.sensors
+                .extend_from_slice(&features::sensor_features(sensor));
+        }
+    }
+
+    /// Returns the inputs of the last state.
+    pub fn state(&self) -> SetState<'_> {
+        SetState {
+            mission: &self.mission,
+            users: &self.users,
+            sensors: &self.sensors,
+            to_users: &self.to_users,
+            to_destination: self.to_destination,
+        }
+    }
+
+    /// Returns the way of a slot in the last state, metres.
+    pub fn reach_m(&self) -> f32 {
+        self.reach_m
+    }
+}
+
+/// What the network should answer in the states of a batch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Labels {
+    /// The displacement of each state, in units of the way of a slot, at most 1 long.
+    pub displacements: Vec<[f32; 2]>,
+    /// The user of each state.
+    pub users: Vec<usize>,
+    /// Whether each user of all states may be served.
+    pub admissible: Vec<bool>,
+}
+
+/// A sample: an example, and the seed of its reflection and disturbance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sample {
+    /// The index of the lesson.
+    pub lesson: usize,
+    /// The index of the example in the lesson.
+    pub example: usize,
+    /// The seed.
+    pub seed: u64,
+}
+
+impl Sample {
+    /// Draws an example of one of the lessons.
+    pub fn draw(lessons: &[Lesson], rng: &mut Pcg64Mcg) -> Self {
+        let lesson = rng.random_range(0..lessons.len());
+        Self {
+            lesson,
+            example: rng.random_range(0..lessons[lesson].examples.len()),
+            seed: rng.random(),
+        }
+    }
+
+    /// Adds the sample to a batch and its labels.
+    pub fn push(
+        &self,
+        lessons: &[Lesson],
+        settings: &ImitationSettings,
+        encoder: &mut Encoder,
+        batch: &mut SetBatch,
+        labels: &mut Labels,
+    ) {
+        let lesson = &lessons[self.lesson];
+        let example = &lesson.examples[self.example];
+        let mut rng = Pcg64Mcg::seed_from_u64(self.seed);
+        let symmetry = Symmetry::random(&mut rng);
+        let mission = symmetry.mission(&lesson.mission);
+        let area = lesson.mission.parameters().area;
+        let place =
+            |[east_m, north_m]: [f64; 2]| symmetry.place(&area, &Position::new(east_m, north_m));
+        let mut position = place(example.position_m);
+        let reach_m = mission.reach_m();
+        if rng.random_bool(settings.disturbed_fraction) {
+            let mut offset = [0.0; 2];
+            fill_normal(&mut rng, &mut offset);
+            let scale = settings.disturbance * reach_m;
+            position.x += f64::from(offset[0]) * scale;
+            position.y += f64::from(offset[1]) * scale;
+            position = mission.parameters().area.nearest(&position);
+        }
+        encoder.encode(&mission, &example.observation(&mission, position));
+        batch.push(&encoder.state());
+        let step = (place(example.waypoint_m) - position) / reach_m;
+        let step = step / step.norm().max(1.0);
+        labels.displacements.push([step.x as f32, step.y as f32]);
+        labels.users.push(example.user.into());
+        labels.admissible.extend_from_slice(&encoder.admissible);
+    }
+}
+
+impl Example {
+    /// Returns the observation of this example's state from another position.
+    pub fn observation(
+        &self,
+        mission: &HostMission,
+        position: Position<f64>,
+    ) -> Observation<'_, f64> {
+        Observation {
+            slot: self.slot,
+            counts: &self.counts,
+            rate: 0.0,
+            mse: 0.0,
+            position,
+            agility: Agility::ideal(mission),
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! The settings of a run.
+
+use serde::{Deserialize, Serialize};
+
+use crate::nn::sets::Architecture;
+
+/// All settings of an imitation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImitationSettings {
+    /// The seed of all random numbers. It also names the missions: no two seeds share one.
+    pub seed: u64,
+    /// Number of gradient steps, over which the learning rate falls; 0 if `minutes` decide.
+    pub steps: u64,
+    /// Duration of the training, minutes, over which the learning rate falls; 0 if `steps` decide.
+    /// Results then depend on the speed of the machine.
+    pub minutes: f64,
+    /// Number of states of a gradient step.
+    pub batch: usize,
+    /// The highest learning rate of Adam.
+    pub learning_rate: f32,
+    /// Number of steps over which the learning rate rises.
+    pub warmup_steps: u64,
+    /// The lowest learning rate as a fraction of the highest.
+    pub final_rate_fraction: f32,
+    /// The largest norm of a gradient; longer ones are scaled to it.
+    pub gradient_norm_max: f32,
+    /// The number of planned missions before the first step.
+    pub first_missions: usize,
+    /// Number of gradient steps per new mission.
+    pub steps_per_mission: u64,
+    /// The operations of the planner for a mission.
+    pub planning_operations: u64,
+    /// The operations of the planner for a state beside its plan.
+    pub correction_operations: u64,
+    /// The step from which on missions are also flown by the network itself.
+    pub own_flights_from: u64,
+    /// The fraction of samples at positions beside the example's.
+    pub disturbed_fraction: f64,
+    /// The standard deviation of such a position in each coordinate, in units of the way of a slot.
+    pub disturbance: f64,
+    /// The sizes of the network.
+    pub architecture: Architecture,
+    /// Number of missions of an evaluation.
+    pub held_out_missions: usize,
+    /// Number of steps between evaluations.
+    pub evaluate_every: u64,
+    /// Number of steps between rows of the metrics.
+    pub report_every: u64,
+}
+
+impl Default for ImitationSettings {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            steps: 0,
+            minutes: 0.0,
+            batch: 256,
+            learning_rate: 1e-3,
+            warmup_steps: 200,
+            final_rate_fraction: 0.02,
+            gradient_norm_max: 1.0,
+            first_missions: 16,
+            steps_per_mission: 3,
+            planning_operations: 150_000_000,
+            correction_operations: 1_000_000,
+            own_flights_from: 1_000,
+            disturbed_fraction: 0.6,
+            disturbance: 0.35,
+            architecture: Architecture::default(),
+            held_out_missions: 60,
+            evaluate_every: 1_000,
+            report_every: 200,
+        }
+    }
+}
+
+impl ImitationSettings {
+    /// Returns the learning rate after `steps`, of which `fraction` (0 to 1) of the run consists: a
+    /// linear rise, then half a cosine.
+    pub fn learning_rate_after(&self, steps: u64, fraction: f64) -> f32 {
+        let rise = ((steps + 1) as f32 / self.warmup_steps.max(1) as f32).min(1.0);
+        let fall = 0.5 * (1.0 + libm::cos(std::f64::consts::PI * fraction.clamp(0.0, 1.0)));
+        self.learning_rate * rise * self.final_rate_fraction.max(fall as f32)
+    }
+
+    /// Checks that the settings make a run.
+    ///
+    /// # Errors
+    /// Names the setting that is out of its range.
+    pub fn check(&self) -> Result<(), String> {
+        let Architecture { width, hidden, .. } = self.architecture;
+        let checks = [
+            (
+                (self.steps > 0) != (self.minutes > 0.0),
+                "steps or minutes must be above 0, and not both",
+            ),
+            (self.batch > 0, "batch must be above 0"),
+            (
+                self.learning_rate > 0.0 && self.learning_rate.is_finite(),
+                "learning_rate must be above 0",
+            ),
+            (self.first_missions > 0, "first_missions must be above 0"),
+            (
+                self.steps_per_mission > 0,
+                "steps_per_mission must be above 0",
+            ),
+            (self.evaluate_every > 0, "evaluate_every must be above 0"),
+            (self.report_every > 0, "report_every must be above 0"),
+            (
+                [32, 64, 96, 128].contains(&width),
+                "architecture.width must be 32, 64, 96 or 128",
+            ),
+            (
+                hidden > 0 && hidden % 16 == 0,
+                "architecture.hidden must be a multiple of 16",
+            ),
+        ];
+        let wrong = checks.into_iter().find(|(holds, _)| !holds);
+        wrong.map_or(Ok(()), |(_, message)| Err(message.to_owned()))
+    }
+}

@@ -1,0 +1,265 @@
+//! Lessons, samples, the loss and short runs.
+
+use firmware_core::{
+    inner::Workspace,
+    policy::{
+        Observation, Policy,
+        sets::{Precision, SetsNetwork, SetsObservation, SetsWork},
+    },
+    shield::{Agility, Fairness},
+};
+use pulp::Arch;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::{
+    lesson::Lesson,
+    loss,
+    policy::SetPolicy,
+    run::{Imitation, Threads, TrainedNetwork},
+    sample::{Encoder, FEATURES, Labels, Sample},
+    settings::ImitationSettings,
+    symmetry::Symmetry,
+};
+use crate::nn::sets::{
+    Activations, Architecture, SetBatch, SetNetwork,
+    heads::{OutputGradients, Outputs},
+};
+
+fn quick() -> ImitationSettings {
+    ImitationSettings {
+        seed: 7,
+        steps: 12,
+        batch: 8,
+        first_missions: 2,
+        steps_per_mission: 3,
+        planning_operations: 10_000_000,
+        own_flights_from: 4,
+        correction_operations: 100_000,
+        architecture: Architecture {
+            width: 32,
+            hidden: 32,
+            layers: 1,
+        },
+        held_out_missions: 1,
+        evaluate_every: 6,
+        report_every: 3,
+        ..ImitationSettings::default()
+    }
+}
+
+/// The planner's answers keep the rules, in the states of the plan and in those of a flight.
+#[test]
+fn a_lesson_has_admissible_answers_in_every_slot() {
+    let lesson = Lesson::new(&quick(), 0, None).expect("a lesson");
+    let slots = lesson.mission.slots();
+    assert_eq!(lesson.examples.len(), 2 * slots as usize);
+    let reach_m = lesson.mission.reach_m();
+    for (index, example) in lesson.examples.iter().enumerate() {
+        assert_eq!(example.slot, index as u32 % slots + 1);
+        let fairness = Fairness::of_state(&lesson.mission, &example.counts, example.slot - 1);
+        assert!(fairness.admits(example.user.into()), "{example:?}");
+        let [x, y] = [0, 1].map(|i| example.waypoint_m[i] - example.position_m[i]);
+        assert!(x.hypot(y) <= reach_m * 1.001, "{example:?}");
+    }
+    // The flight is disturbed.
+    let (plan, flight) = lesson.examples.split_at(slots as usize);
+    let differ =
+        |(a, b): (&super::lesson::Example, &super::lesson::Example)| a.position_m != b.position_m;
+    assert!(plan.iter().zip(flight).filter(|&pair| differ(pair)).count() > slots as usize / 2);
+}
+
+/// A reflection changes no rate, so it changes no feature but the components of directions.
+#[test]
+fn a_reflected_mission_has_reflected_features() {
+    let lesson = Lesson::new(&quick(), 1, None).expect("a lesson");
+    let example = &lesson.examples[5];
+    let area = lesson.mission.parameters().area;
+    let [x, y] = example.position_m;
+    let position = firmware_core::Position::new(x, y);
+    let mut encoders = [Encoder::default(), Encoder::default()];
+    let symmetry = Symmetry {
+        flip_east: true,
+        flip_north: false,
+        transpose: true,
+    };
+    let reflected = symmetry.mission(&lesson.mission);
+    assert_eq!(symmetry.place(&area, &position).y, area.east_m - x);
+    encoders[0].encode(
+        &lesson.mission,
+        &example.observation(&lesson.mission, position),
+    );
+    let place = symmetry.place(&area, &position);
+    encoders[1].encode(&reflected, &example.observation(&reflected, place));
+    let [plain, image] = encoders.each_ref().map(Encoder::state);
+    for (plain, image) in plain.to_users.iter().zip(image.to_users) {
+        assert!((plain[0] + image[1]).abs() < 1e-3 && (plain[1] - image[0]).abs() < 1e-3);
+    }
+    // The best rate where the vehicle is.
+    assert!((plain.mission[20] - image.mission[20]).abs() < 1e-5);
+    assert!(plain.mission[20] != 0.0);
+}
+
+fn loss_of(labels: &Labels, batch: &SetBatch, outputs: &Outputs) -> (f64, OutputGradients) {
+    let mut gradient = OutputGradients {
+        displacement: vec![[0.0; 2]; batch.len()],
+        scores: vec![0.0; batch.users()],
+    };
+    let mut losses = Vec::new();
+    loss::imitation(labels, batch, outputs, &mut gradient, &mut losses);
+    (4.0 * losses[0] + losses[1], gradient)
+}
+
+#[test]
+fn the_gradient_of_the_loss_matches_differences_and_ignores_forbidden_users() {
+    let settings = quick();
+    let lessons = [Lesson::new(&settings, 2, None).expect("a lesson")];
+    let (mut batch, mut labels) = (SetBatch::new(FEATURES), Labels::default());
+    let mut rng = Pcg64Mcg::seed_from_u64(1);
+    for _ in 0..40 {
+        let sample = Sample::draw(&lessons, &mut rng);
+        let mut encoder = Encoder::default();
+        sample.push(&lessons, &settings, &mut encoder, &mut batch, &mut labels);
+    }
+    assert!(labels.admissible.contains(&false), "nothing is forbidden");
+    let network = SetNetwork::new(settings.architecture, FEATURES, 1);
+    let mut activations = Activations::default();
+    activations.forward(Arch::new(), &network, &batch);
+    let outputs = activations.outputs();
+    let (_, gradient) = loss_of(&labels, &batch, outputs);
+    let h = 1e-2;
+    for user in 0..batch.users() {
+        let at = |shift: f32| {
+            let mut outputs = outputs.clone();
+            outputs.scores[user] += shift;
+            loss_of(&labels, &batch, &outputs).0
+        };
+        let slope = (at(h) - at(-h)) / f64::from(2.0 * h);
+        assert!((slope - f64::from(gradient.scores[user])).abs() < 1e-3);
+        assert!(labels.admissible[user] || gradient.scores[user] == 0.0);
+    }
+    for state in 0..batch.len() {
+        let at = |shift: f32| {
+            let mut outputs = outputs.clone();
+            outputs.displacement[state][1] += shift;
+            loss_of(&labels, &batch, &outputs).0
+        };
+        let slope = (at(h) - at(-h)) / f64::from(2.0 * h);
+        assert!((slope - f64::from(gradient.displacement[state][1])).abs() < 1e-3);
+    }
+}
+
+fn finished(settings: ImitationSettings, threads: Threads) -> (Vec<f32>, String) {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().to_owned();
+    let mut run = Imitation::start(settings, None, path.clone(), threads).expect("starts");
+    run.run(false).expect("runs");
+    let metrics = std::fs::read_to_string(path.join("metrics.csv")).expect("metrics");
+    (run.network().export(), metrics)
+}
+
+#[test]
+fn a_run_does_not_depend_on_threads_and_learns() {
+    let expected = finished(quick(), Threads::default());
+    let threads = Threads {
+        gradient: 3,
+        planning: 2,
+    };
+    assert_eq!(finished(quick(), threads), expected);
+    let longer = ImitationSettings {
+        steps: 150,
+        report_every: 50,
+        evaluate_every: 150,
+        warmup_steps: 10,
+        ..quick()
+    };
+    let (_, metrics) = finished(longer, Threads::default());
+    let errors: Vec<f64> = (metrics.lines().skip(1))
+        .map(|line| {
+            line.split(',')
+                .nth(2)
+                .and_then(|x| x.parse().ok())
+                .expect("a number")
+        })
+        .collect();
+    assert!(errors[2] < 0.8 * errors[0], "{metrics}");
+}
+
+#[test]
+fn a_resumed_run_has_the_same_bytes() {
+    let (expected, metrics) = finished(quick(), Threads::default());
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().to_owned();
+    let half = ImitationSettings {
+        // The learning rate must be that of the whole run.
+        final_rate_fraction: 1.0,
+        ..quick()
+    };
+    let whole = finished(half.clone(), Threads::default());
+    assert_ne!(whole.0, expected, "{metrics}");
+    let first = ImitationSettings { steps: 6, ..half };
+    let threads = Threads::default();
+    let mut run = Imitation::start(first, None, path.clone(), threads).expect("starts");
+    run.run(false).expect("runs");
+    let mut run = Imitation::resume(path.clone(), Some(12), None, threads).expect("resumes");
+    run.run(false).expect("runs");
+    let metrics = std::fs::read_to_string(path.join("metrics.csv")).expect("metrics");
+    assert_eq!((run.network().export(), metrics), whole);
+}
+
+/// The network that flies computes what the network that learns does, in 10 states of each of 20
+/// missions, within 1e-5 of full scale.
+#[test]
+fn the_exported_network_computes_the_same() {
+    let architecture = Architecture::default();
+    let network = SetNetwork::new(architecture, FEATURES, 3);
+    let mut rng = Pcg64Mcg::seed_from_u64(9);
+    let mut parameters = network.export();
+    for parameter in &mut parameters {
+        *parameter += rng.random_range(-0.03..0.03);
+    }
+    let trained = TrainedNetwork {
+        architecture,
+        parameters: parameters.clone(),
+        missions: 1,
+        seed: 3,
+    };
+    let mut learning = network;
+    learning.import(&parameters).expect("its own length");
+    let mut work = SetsWork::default();
+    let file = trained.to_policy_file(Precision::Single).expect("a file");
+    let flying = SetsNetwork::load(file, &mut work).expect("loads");
+    for seed in 0..20 {
+        let mission = scenario::random(5_000 + seed, None)
+            .expect("a mission")
+            .mission;
+        let p = mission.parameters();
+        for slot in 1..=10 {
+            let east_m = rng.random_range(0.0..p.area.east_m);
+            let north_m = rng.random_range(0.0..p.area.north_m);
+            let observation = Observation {
+                slot,
+                counts: &[],
+                rate: 0.0,
+                mse: 0.0,
+                position: firmware_core::Position::new(east_m, north_m),
+                agility: Agility::ideal(&mission),
+            };
+            let sets = SetsObservation::new(&mission, &observation, &mut Workspace::default());
+            let got = flying.evaluate(&sets, &mut work).expect("evaluates");
+            let mut policy = SetPolicy::new(&learning, mission.clone(), Arch::new());
+            let expected = policy.decide(&observation);
+            let scale = expected
+                .user_scores
+                .iter()
+                .fold(1.0, |a: f64, b| a.max(b.abs()));
+            for (got, expected) in got.user_scores.iter().zip(&expected.user_scores) {
+                assert!((f64::from(*got) - expected).abs() < 1e-5 * scale);
+            }
+            let [east_m, north_m] = got.displacement_m.map(f64::from);
+            let difference =
+                (expected.displacement.x - east_m).hypot(expected.displacement.y - north_m);
+            assert!(difference < 1e-5 * mission.reach_m(), "{difference}");
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! An independent network in double precision, one state at a time, which tests differentiate
+//! numerically. It reads the parameters in the order of the file.
+
+use super::{batch::SetState, layout::Architecture};
+
+struct Reader<'a>(&'a [f64]);
+
+impl Reader<'_> {
+    fn take(&mut self, count: usize) -> Vec<f64> {
+        let (taken, rest) = self.0.split_at(count);
+        self.0 = rest;
+        taken.to_vec()
+    }
+
+    fn linear(&mut self, inputs: usize, outputs: usize) -> impl Fn(&[f64]) -> Vec<f64> + use<> {
+        let weights = self.take(inputs * outputs);
+        let bias = self.take(outputs);
+        move |x: &[f64]| {
+            assert_eq!(x.len(), inputs);
+            let rows = weights.chunks(inputs).zip(&bias);
+            rows.map(|(row, bias)| bias + dot(row, x)).collect()
+        }
+    }
+
+    fn norm(&mut self, width: usize) -> impl Fn(&[f64]) -> Vec<f64> + use<> {
+        let scales = self.take(width);
+        move |x: &[f64]| {
+            let mean = x.iter().sum::<f64>() / width as f64;
+            let variance = x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / width as f64;
+            let scaled = x.iter().zip(&scales);
+            scaled
+                .map(|(x, s)| s * (x - mean) / (variance + 1e-5).sqrt())
+                .collect()
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn sigmoid(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+fn silu(x: Vec<f64>) -> Vec<f64> {
+    x.into_iter().map(|x| x * sigmoid(x)).collect()
+}
+
+fn softmax(x: &[f64]) -> Vec<f64> {
+    let largest = x.iter().copied().fold(f64::MIN, f64::max);
+    let exponentials: Vec<f64> = x.iter().map(|x| (x - largest).exp()).collect();
+    let total: f64 = exponentials.iter().sum();
+    exponentials.iter().map(|x| x / total).collect()
+}
+
+fn wide(x: &[f32]) -> Vec<f64> {
+    x.iter().map(|&x| x.into()).collect()
+}
+
+/// Returns the displacement and the users' scores of one state.
+pub(super) fn forward(
+    architecture: Architecture,
+    state: &SetState<'_>,
+    parameters: &[f64],
+) -> ([f64; 2], Vec<f64>) {
+    let Architecture {
+        width,
+        hidden,
+        layers,
+    } = architecture;
+    let users = state.to_users.len();
+    let (user, mission) = (state.users.len() / users, state.mission.len());
+    let mut next = Reader(parameters);
+    let sensor = state.sensors.len() / 3; // tests have three sensors in each state
+    let first = next.linear(sensor, width);
+    let second = next.linear(width, width);
+    let encoded: Vec<Vec<f64>> = (state.sensors.chunks(sensor))
+        .map(|row| second(&silu(first(&wide(row)))))
+        .collect();
+    let mut input = wide(state.mission);
+    let count = encoded.len() as f64;
+    input.extend((0..width).map(|i| encoded.iter().map(|h| h[i]).sum::<f64>() / count));
+    input.extend((0..width).map(|i| encoded.iter().map(|h| h[i]).fold(f64::MIN, f64::max)));
+    let mut tokens = vec![next.linear(mission + 2 * width, width)(&input)];
+    let embed = next.linear(user, width);
+    tokens.extend(state.users.chunks(user).map(|row| embed(&wide(row))));
+    for _ in 0..layers {
+        let norm = next.norm(width);
+        let (qkv, mix) = (next.linear(width, 3 * width), next.linear(width, width));
+        let rows: Vec<Vec<f64>> = tokens.iter().map(|t| qkv(&norm(t))).collect();
+        for (token, row) in tokens.iter_mut().zip(&rows) {
+            let mut attended = Vec::new();
+            for head in 0..4 {
+                let w = width / 4;
+                let part = |row: &[f64], which: usize| {
+                    row[which * width + head * w..which * width + (head + 1) * w].to_vec()
+                };
+                let q = part(row, 0);
+                let scores: Vec<f64> = (rows.iter())
+                    .map(|other| dot(&q, &part(other, 1)) / (w as f64).sqrt())
+                    .collect();
+                let shares = softmax(&scores);
+                attended.extend((0..w).map(|d| {
+                    let values = rows.iter().zip(&shares);
+                    values.map(|(other, p)| p * part(other, 2)[d]).sum::<f64>()
+                }));
+            }
+            let change = mix(&attended);
+            token.iter_mut().zip(change).for_each(|(t, c)| *t += c);
+        }
+        let norm = next.norm(width);
+        let (up, down) = (next.linear(width, hidden), next.linear(hidden, width));
+        for token in &mut tokens {
+            let change = down(&silu(up(&norm(token))));
+            token.iter_mut().zip(change).for_each(|(t, c)| *t += c);
+        }
+    }
+    let norm = next.norm(width);
+    let tokens: Vec<Vec<f64>> = tokens.iter().map(|t| norm(t)).collect();
+    let (first, second) = (next.linear(width, width), next.linear(width, 4));
+    let o = second(&silu(first(&tokens[0])));
+    let (first, second) = (next.linear(2 * width, width), next.linear(width, 2));
+    let rated: Vec<Vec<f64>> = (tokens[1..].iter())
+        .map(|token| second(&silu(first(&[&token[..], &tokens[0]].concat()))))
+        .collect();
+    assert!(next.0.is_empty(), "{} parameters too many", next.0.len());
+    let pulls: Vec<f64> = rated.iter().map(|row| 3.0 * row[1]).collect();
+    let shares = softmax(&pulls);
+    let u = [0, 1].map(|i| {
+        let point: f64 = (shares.iter().zip(state.to_users))
+            .map(|(share, to)| share * f64::from(to[i]))
+            .sum();
+        sigmoid(o[2]) * point + sigmoid(o[3]) * f64::from(state.to_destination[i]) + o[i]
+    });
+    let length = u[0].hypot(u[1]).max(1.0);
+    (u.map(|u| u / length), rated.iter().map(|r| r[0]).collect())
+}
