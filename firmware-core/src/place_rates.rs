@@ -56,37 +56,10 @@ impl<T: Scalar, G: AmplitudeGains<T>, const M: usize, const J: usize> PlaceRates
         &mut self,
         place: &Position<T>,
         users: impl Iterator<Item = usize>,
-        visit: impl FnMut(usize, T),
+        mut visit: impl FnMut(usize, T),
     ) {
         let mut amplitudes = [T::zero(); J];
         let sensors = self.sensor_amplitudes(place, &mut amplitudes);
-        self.each_beside(place, sensors, users, visit);
-    }
-
-    /// Writes the amplitude gains of the sensors that are there to the beginning of `amplitudes`,
-    /// and returns it.
-    pub(crate) fn sensor_amplitudes<'s>(
-        &self,
-        place: &Position<T>,
-        amplitudes: &'s mut [T; J],
-    ) -> &'s [T] {
-        let mut count = 0;
-        for ((sensor, ground), amplitude) in self.mission.sensors().zip(amplitudes.iter_mut()) {
-            let node = (GroundNode::Sensor(sensor), ground);
-            *amplitude = self.gains.amplitude(self.mission, place, node);
-            count += 1;
-        }
-        amplitudes.get(..count).unwrap_or(&[])
-    }
-
-    /// As [`each`](Self::each), with the [amplitude gains](Self::sensor_amplitudes) of the sensors.
-    pub(crate) fn each_beside(
-        &mut self,
-        place: &Position<T>,
-        sensors: &[T],
-        users: impl Iterator<Item = usize>,
-        mut visit: impl FnMut(usize, T),
-    ) {
         let mission = self.mission;
         let p = mission.parameters();
         let field = self.workspace.sensors_of_amplitude(self.limits, sensors);
@@ -105,19 +78,19 @@ impl<T: Scalar, G: AmplitudeGains<T>, const M: usize, const J: usize> PlaceRates
         }
     }
 
-    /// Writes the rate of every user, bit/s/Hz, into `row`, which has one entry per user.
-    pub(crate) fn write(&mut self, place: &Position<T>, row: &mut [T]) {
-        self.each(place, 0..row.len(), |user, rate| {
-            if let Some(entry) = row.get_mut(user) {
-                *entry = rate;
-            }
-        });
-    }
-
-    /// Returns the rate of one user, bit/s/Hz.
-    pub(crate) fn of_user(&mut self, place: &Position<T>, user: usize) -> T {
-        let mut found = T::zero();
-        self.each(place, core::iter::once(user), |_, rate| found = rate);
-        found
+    /// Writes the amplitude gains of the sensors that are there to the beginning of `amplitudes`,
+    /// and returns it.
+    pub(crate) fn sensor_amplitudes<'s>(
+        &self,
+        place: &Position<T>,
+        amplitudes: &'s mut [T; J],
+    ) -> &'s [T] {
+        let mut count = 0;
+        for ((sensor, ground), amplitude) in self.mission.sensors().zip(amplitudes.iter_mut()) {
+            let node = (GroundNode::Sensor(sensor), ground);
+            *amplitude = self.gains.amplitude(self.mission, place, node);
+            count += 1;
+        }
+        amplitudes.get(..count).unwrap_or(&[])
     }
 }

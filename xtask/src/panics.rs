@@ -69,7 +69,7 @@ const fn accepted(name: &'static str, entry_point: &'static str) -> Probe {
     }
 }
 
-const PROBES: [Probe; 37] = [
+const PROBES: [Probe; 41] = [
     single(
         "slot_exact",
         "slot problem, exact: `Workspace::sensors`, `SensorField::solve`",
@@ -121,6 +121,22 @@ const PROBES: [Probe; 37] = [
         "a `.policy` file read and tested: `Mlp::load`",
     ),
     single("policy_decide", "the network: `Mlp::decide`"),
+    single(
+        "sets_load",
+        "a `.policy` file for any mission read and tested: `SetsNetwork::load`",
+    ),
+    single(
+        "sets_evaluate",
+        "the network for any mission: `SetsNetwork::evaluate`",
+    ),
+    gated(
+        "sets_decide",
+        "a decision for any mission: `SetsPolicy::decide`",
+    ),
+    gated(
+        "sets_revise",
+        "policy for any mission: `SetsPolicy::new`, `SetsPolicy::revise`",
+    ),
     gated("planner_new", "planner: `console::board_planner`"),
     gated("planner_advance", "planner: `Planner::advance`"),
     gated("planner_decide", "planner: `Planner::decide`"),

@@ -132,6 +132,24 @@ impl<T: Scalar, const USERS: usize, const SENSORS: usize> AmplitudeGains<T>
 pub(super) type PlaceRates<'a, T, const M: usize, const J: usize> =
     place_rates::PlaceRates<'a, T, TableGains<'a, T, M, J>, M, J>;
 
+impl<T: Scalar, const M: usize, const J: usize> PlaceRates<'_, T, M, J> {
+    /// Writes the rate of every user, bit/s/Hz, into `row`, which has one entry per user.
+    pub(super) fn write(&mut self, place: &Position<T>, row: &mut [T]) {
+        self.each(place, 0..row.len(), |user, rate| {
+            if let Some(entry) = row.get_mut(user) {
+                *entry = rate;
+            }
+        });
+    }
+
+    /// Returns the rate of one user, bit/s/Hz.
+    pub(super) fn of_user(&mut self, place: &Position<T>, user: usize) -> T {
+        let mut found = T::zero();
+        self.each(place, core::iter::once(user), |_, rate| found = rate);
+        found
+    }
+}
+
 /// Returns the operations that one place costs, an estimate for the budget of work.
 pub(super) fn operations_per_place<T: Scalar, const M: usize, const J: usize>(
     mission: &Mission<T, M, J>,

@@ -18,11 +18,20 @@ use firmware_core::{
     SENSORS_MAX, USERS_MAX,
     console::{BoardComputer, BoardPlanner, PlannerBytes, PlannerNumbers},
     controller::Controller,
-    policy::mlp::Mlp,
+    policy::{
+        mlp::Mlp,
+        sets::{SetsNetwork, SetsPolicy, SetsWork},
+    },
 };
 
 /// The trained policy of a board.
 pub type Trained = Mlp<&'static [u8]>;
+
+/// A network for any mission.
+pub type AnyNetwork = SetsNetwork<&'static [u8]>;
+
+/// The trained policy for any mission.
+pub type AnyMission = SetsPolicy<f32, &'static [u8], &'static mut SetsWork, USERS_MAX, SENSORS_MAX>;
 
 /// The controller of a board with a trained policy.
 pub type TrainedController = Controller<f32, Trained, USERS_MAX, SENSORS_MAX>;

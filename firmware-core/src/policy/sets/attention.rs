@@ -2,8 +2,8 @@
 //! Self-attention over the tokens of the mission and the users.
 
 use super::{
+    architecture::HEADS,
     columns::USERS,
-    format::HEADS,
     panel::{LANES, Lanes, add_product},
 };
 

@@ -5,122 +5,18 @@ use heapless::String;
 use serde::{Deserialize, Serialize};
 
 use super::{
+    architecture::Architecture,
     columns::{MISSION_COLUMNS, SENSOR_COLUMNS, SENSORS, USER_COLUMNS, USERS},
-    features::{MISSION_FEATURES, SENSOR_FEATURES, USER_FEATURES},
+    error::{SetsLoadError, SetsWriteError},
     half,
     network::{SetsOutput, SetsWork},
     observation::SetsObservation,
     panel::Weight,
 };
-use crate::policy::container::{self, ContainerError, Deviation, PREAMBLE};
+use crate::policy::container::{self, Deviation, PREAMBLE};
 
 /// The format version that this module reads and writes.
 pub const FORMAT_VERSION: u16 = 2;
-
-/// The number of attention heads.
-pub const HEADS: usize = 4;
-
-/// The largest width of a token.
-pub const WIDTH_MAX: usize = 96;
-
-/// The largest width of the hidden layer behind the attention.
-pub const HIDDEN_MAX: usize = 288;
-
-/// The largest number of attention layers.
-pub const LAYERS_MAX: usize = 4;
-
-/// The sizes of a network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Architecture {
-    /// `D`, the width of a token: a multiple of [`HEADS`], at most [`WIDTH_MAX`].
-    pub width: u16,
-    /// `F`, the width of the hidden layer behind the attention: 1 to [`HIDDEN_MAX`].
-    pub hidden: u16,
-    /// `L`, the number of attention layers: 1 to [`LAYERS_MAX`].
-    pub layers: u16,
-}
-
-/// The sizes of a network, for computing.
-pub(super) struct Size {
-    pub(super) width: usize,
-    pub(super) hidden: usize,
-    pub(super) layers: usize,
-}
-
-impl Architecture {
-    pub(super) fn size(&self) -> Size {
-        Size {
-            width: self.width.into(),
-            hidden: self.hidden.into(),
-            layers: self.layers.into(),
-        }
-    }
-
-    /// Returns the number of weights.
-    ///
-    /// ```
-    /// # use firmware_core::policy::sets::Architecture;
-    /// let intended = Architecture { width: 64, hidden: 192, layers: 3 };
-    /// assert_eq!(intended.weight_count(), 154_566);
-    /// ```
-    pub fn weight_count(&self) -> usize {
-        let Size {
-            width,
-            hidden,
-            layers,
-        } = self.size();
-        let linear = |inputs: usize, outputs: usize| outputs * (inputs + 1);
-        let layer = 2 * width
-            + linear(width, 3 * width)
-            + linear(width, width)
-            + linear(width, hidden)
-            + linear(hidden, width);
-        linear(SENSOR_FEATURES, width)
-            + linear(width, width)
-            + linear(MISSION_FEATURES + 2 * width, width)
-            + linear(USER_FEATURES, width)
-            + layers * layer
-            + width
-            + linear(width, width)
-            + linear(width, 4)
-            + linear(2 * width, width)
-            + linear(width, 2)
-    }
-
-    fn check(&self) -> Result<(), SetsLoadError> {
-        let size = self.size();
-        let whole_heads = size.width > 0 && size.width.is_multiple_of(HEADS);
-        for (what, got, holds, expected) in [
-            (
-                "the width",
-                self.width,
-                whole_heads && size.width <= WIDTH_MAX,
-                "a multiple of 4 from 4 to 96",
-            ),
-            (
-                "the width of the hidden layer",
-                self.hidden,
-                (1..=HIDDEN_MAX).contains(&size.hidden),
-                "1 to 288",
-            ),
-            (
-                "the number of layers",
-                self.layers,
-                (1..=LAYERS_MAX).contains(&size.layers),
-                "1 to 4",
-            ),
-        ] {
-            if !holds {
-                return Err(SetsLoadError::Architecture {
-                    what,
-                    got,
-                    expected,
-                });
-            }
-        }
-        Ok(())
-    }
-}
 
 /// How weights are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -294,80 +190,6 @@ impl SetsHeader {
     }
 }
 
-/// Error returned when bytes are not a valid policy for any mission.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SetsLoadError {
-    /// The file is of another kind or version, or damaged.
-    #[error(transparent)]
-    Container(#[from] ContainerError),
-    /// The header cannot be decoded.
-    #[error("the header cannot be decoded")]
-    Header,
-    /// The policy observes other columns.
-    #[error("the policy observes {got} columns of a {what}, but this build has {expected}")]
-    Columns {
-        /// `mission`, `user` or `sensor`.
-        what: &'static str,
-        /// The number of columns of the policy.
-        got: u16,
-        /// The number of columns of this build.
-        expected: usize,
-    },
-    /// A size of the network is outside its range.
-    #[error("{what} is {got}, but must be {expected}")]
-    Architecture {
-        /// The name of the size.
-        what: &'static str,
-        /// The invalid value.
-        got: u16,
-        /// The valid values.
-        expected: &'static str,
-    },
-    /// The test vector has no users or sensors, or too many.
-    #[error("the test vector has {got} {what}, but must have 1 to {most}")]
-    TestVector {
-        /// `users` or `sensors`.
-        what: &'static str,
-        /// How many it has.
-        got: u16,
-        /// The largest number.
-        most: usize,
-    },
-    /// The reach in the test vector is not above 0.
-    #[error("reach_m of the test vector is {value}, but must be above 0")]
-    Reach {
-        /// The invalid value.
-        value: f32,
-    },
-    /// The file has too few or too many weights.
-    #[error("the file has {got} bytes of weights and test vector, but its header needs {expected}")]
-    Length {
-        /// The number of bytes in the file.
-        got: usize,
-        /// The number of bytes needed.
-        expected: usize,
-    },
-    /// A number is NaN or infinite.
-    #[error("{what} {index} is not finite")]
-    NotFinite {
-        /// `weight` or `test number`.
-        what: &'static str,
-        /// The index of the number.
-        index: usize,
-    },
-    /// The network does not reproduce its test vector.
-    #[error("self-test: output {index} is {got}, but the file expects {expected}")]
-    SelfTest {
-        /// The index of the output: 0 and 1 the displacement, then the scores.
-        index: usize,
-        /// The computed value.
-        got: f32,
-        /// The expected value.
-        expected: f32,
-    },
-}
-
 /// Checks a file, including its test vector, and returns its header and where the weights begin.
 pub(super) fn read(file: &[u8], work: &mut SetsWork) -> Result<(SetsHeader, usize), SetsLoadError> {
     let body = container::open(file, FORMAT_VERSION)?;
@@ -404,21 +226,6 @@ pub(super) fn read(file: &[u8], work: &mut SetsWork) -> Result<(SetsHeader, usiz
 fn numbers_of(output: &SetsOutput) -> impl Iterator<Item = f32> + Clone {
     let displacement = output.displacement_m.into_iter();
     displacement.chain(output.user_scores)
-}
-
-/// Error returned when a policy file cannot be written.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SetsWriteError {
-    /// The file could not be loaded again.
-    #[error(transparent)]
-    Unsound(#[from] SetsLoadError),
-    /// The buffer is too small.
-    #[error("a policy does not fit into {capacity} bytes")]
-    TooLong {
-        /// The size of the buffer, bytes.
-        capacity: usize,
-    },
 }
 
 /// Writes a policy file into `file` and returns its length. The weights are in the order of the

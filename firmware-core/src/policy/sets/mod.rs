@@ -47,8 +47,10 @@
 //! | weights | 2 or 4 each | IEEE binary16 or binary32 |
 //! | test vector | 4 each | `f32`: the mission's columns, those of each user and of each sensor, then the displacement and a score per user |
 
+mod architecture;
 mod attention;
 mod columns;
+mod error;
 pub mod features;
 mod format;
 mod half;
@@ -57,14 +59,13 @@ mod observation;
 mod panel;
 mod policy;
 
+pub use architecture::{Architecture, HEADS, HIDDEN_MAX, LAYERS_MAX, WIDTH_MAX};
 pub use columns::{
     MISSION_COLUMN_NAMES, MISSION_COLUMNS, PLACES, SENSOR_COLUMN_NAMES, SENSOR_COLUMNS, SENSORS,
     USER_COLUMN_NAMES, USER_COLUMNS, USERS,
 };
-pub use format::{
-    Architecture, FORMAT_VERSION, HEADS, HIDDEN_MAX, LAYERS_MAX, Precision, SetsHeader,
-    SetsLoadError, SetsProvenance, SetsWriteError, WIDTH_MAX, write,
-};
+pub use error::{SetsLoadError, SetsWriteError};
+pub use format::{FORMAT_VERSION, Precision, SetsHeader, SetsProvenance, write};
 pub use network::{SetsOutput, SetsWork};
 pub use observation::SetsObservation;
 pub use policy::{SetsMismatch, SetsNetwork, SetsPolicy};

@@ -2,13 +2,13 @@
 //! The network: from an observation to a displacement and scores.
 
 use super::{
+    architecture::{Architecture, HIDDEN_MAX, WIDTH_MAX},
     attention::{PANELS, attend},
     columns::{SENSORS, USERS},
     features::{
         MISSION_FEATURES, SENSOR_FEATURES, USER_FEATURES, mission_features, sensor_features,
         user_features,
     },
-    format::{Architecture, HIDDEN_MAX, WIDTH_MAX},
     observation::SetsObservation,
     panel::{LANES, Lanes, Weight, Weights, add, normalize, read_lane, sigmoid, silu, write_lane},
 };

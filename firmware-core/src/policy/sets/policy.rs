@@ -7,7 +7,8 @@ use heapless::Vec;
 
 use super::{
     columns::{SENSORS, USERS},
-    format::{SetsHeader, SetsLoadError, SetsProvenance, read},
+    error::SetsLoadError,
+    format::{SetsHeader, SetsProvenance, read},
     network::{SetsOutput, SetsWork},
     observation::SetsObservation,
 };
@@ -64,7 +65,7 @@ impl<B: AsRef<[u8]>> SetsNetwork<B> {
     /// Evaluates the network. `None` means that `B` returns other bytes than when the file was
     /// loaded.
     ///
-    /// Worst case: `docs/target.md` has the instructions of a decision.
+    /// Worst case: `docs/training.md` has the instructions of a decision.
     pub fn evaluate(
         &self,
         observation: &SetsObservation,

@@ -20,7 +20,15 @@ pub fn entry(
     limits: MotionLimits<f32>,
     changes: &[ChangedParameter],
     name: &str,
-) -> Result<(Instant, Vec<PreflightRefusal, REFUSALS>, Option<Event>, Option<f32>), SettingsError> {
+) -> Result<
+    (
+        Instant,
+        Vec<PreflightRefusal, REFUSALS>,
+        Option<Event>,
+        Option<f32>,
+    ),
+    SettingsError,
+> {
     client.set_limits(limits)?;
     client.restore_first(changes);
     client.launch(now);

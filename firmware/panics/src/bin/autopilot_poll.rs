@@ -2,9 +2,7 @@
 #![no_std]
 #![no_main]
 
-use firmware_core::{
-    autopilot::Autopilot, mavlink::dialects::common::MavMessage, time::Instant,
-};
+use firmware_core::{autopilot::Autopilot, mavlink::dialects::common::MavMessage, time::Instant};
 use panics as _;
 
 #[unsafe(no_mangle)]

@@ -6,9 +6,6 @@ use firmware_core::{Mission, SENSORS_MAX, USERS_MAX, controller::Controller};
 use panics::{Trained, TrainedController};
 
 #[unsafe(no_mangle)]
-pub fn entry(
-    mission: &Mission<f32, USERS_MAX, SENSORS_MAX>,
-    policy: Trained,
-) -> TrainedController {
+pub fn entry(mission: &Mission<f32, USERS_MAX, SENSORS_MAX>, policy: Trained) -> TrainedController {
     Controller::new(mission.clone(), policy)
 }

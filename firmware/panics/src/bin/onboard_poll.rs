@@ -3,8 +3,7 @@
 #![no_main]
 
 use firmware_core::{
-    autopilot::wire::FrameBuffer, link::FRAME_MAX, onboard::Activity, onboard::Probe,
-    time::Instant,
+    autopilot::wire::FrameBuffer, link::FRAME_MAX, onboard::Activity, onboard::Probe, time::Instant,
 };
 use panics::Computer;
 

@@ -2,11 +2,7 @@
 #![no_std]
 #![no_main]
 
-use firmware_core::{
-    USERS_MAX,
-    mission::MissionChange,
-    policy::Policy,
-};
+use firmware_core::{USERS_MAX, mission::MissionChange, policy::Policy};
 use panics::Planner;
 
 #[unsafe(no_mangle)]

@@ -2,8 +2,8 @@
 #![no_std]
 #![no_main]
 
-use firmware_core::inner::{Method, SensorField, SlotAllocation, SlotError};
 use firmware_core::PowerGain;
+use firmware_core::inner::{Method, SensorField, SlotAllocation, SlotError};
 use panics as _;
 
 #[unsafe(no_mangle)]
