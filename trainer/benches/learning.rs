@@ -15,9 +15,10 @@ use scenario::Scenario;
 use trainer::{
     ddpg::Ddpg,
     imitation::{
+        encoder::{Encoder, FEATURES},
         lesson::Lesson,
         loss,
-        sample::{Encoder, FEATURES, Labels, Sample},
+        sample::{Labels, Sample},
         settings::ImitationSettings,
     },
     learner::Learner,

@@ -10,13 +10,15 @@
 //! | [`lesson`] | a planned mission as examples |
 //! | [`lessons`] | lessons from threads in the background, in an order that depends on nothing else |
 //! | [`symmetry`] | reflections of a mission |
-//! | [`sample`] | an example as inputs and label of the network |
+//! | [`encoder`] | a state as inputs of the network |
+//! | [`sample`] | an example as inputs and label, reflected and disturbed |
 //! | [`loss`] | the loss |
 //! | [`policy`] | the network as a policy that flies |
 //! | [`held_out`] | evaluation on missions that are not learned from |
 //! | [`export`] | the `.policy` file |
 //! | [`run`] | a run: start, resume, train, evaluate, save |
 
+pub mod encoder;
 pub mod export;
 pub mod held_out;
 pub mod lesson;

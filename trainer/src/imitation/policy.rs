@@ -8,7 +8,7 @@ use firmware_core::{
 use pulp::Arch;
 use scenario::HostMission;
 
-use super::sample::{Encoder, FEATURES};
+use super::encoder::{Encoder, FEATURES};
 use crate::nn::sets::{Activations, SetBatch, SetNetwork};
 
 /// The deterministic policy of a network on one mission.

@@ -17,11 +17,12 @@ use rand_pcg::Pcg64Mcg;
 
 use self::saved::{Best, Saved};
 use super::{
+    encoder::{Encoder, FEATURES},
     held_out::{Evaluation, HeldOut},
     lesson::Lesson,
     lessons::Lessons,
     loss,
-    sample::{Encoder, FEATURES, Labels, Sample},
+    sample::{Labels, Sample},
     settings::ImitationSettings,
 };
 use crate::{

@@ -13,11 +13,12 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::{
+    encoder::{Encoder, FEATURES},
     lesson::Lesson,
     loss,
     policy::SetPolicy,
     run::{Imitation, Threads, TrainedNetwork},
-    sample::{Encoder, FEATURES, Labels, Sample},
+    sample::{Labels, Sample},
     settings::ImitationSettings,
     symmetry::Symmetry,
 };
