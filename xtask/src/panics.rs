@@ -69,7 +69,7 @@ const fn accepted(name: &'static str, entry_point: &'static str) -> Probe {
     }
 }
 
-const PROBES: [Probe; 41] = [
+const PROBES: [Probe; 42] = [
     single(
         "slot_exact",
         "slot problem, exact: `Workspace::sensors`, `SensorField::solve`",
@@ -141,6 +141,7 @@ const PROBES: [Probe; 41] = [
     gated("planner_advance", "planner: `Planner::advance`"),
     gated("planner_decide", "planner: `Planner::decide`"),
     gated("planner_revise", "planner: `Planner::revise`"),
+    gated("planner_note_gains", "planner: `Planner::note_gains`"),
     single("link_decode", "ground link: `link::Decoder::push`"),
     single("link_encode", "ground link: `link::encode`"),
     single(
