@@ -11,11 +11,13 @@ use std::{
 #[cfg(feature = "onnx")]
 use firmware_core::policy::onnx::OnnxPolicy;
 use firmware_core::{
-    USERS_MAX,
+    SENSORS_MAX, USERS_MAX,
     mission::MissionChange,
     policy::{
         Action, FixedPosition, MeasuredGains, Observation, PlanQuality, Policy, Provenance,
-        StraightLine, mlp::Mlp,
+        StraightLine, format_version,
+        mlp::Mlp,
+        sets::{self, SetsNetwork, SetsPolicy, SetsWork},
     },
 };
 
@@ -202,6 +204,9 @@ fn trained_for(folder: &Path, scenario: &Scenario) -> Result<(PathBuf, Vec<u8>),
     Err(named(folder, problem))
 }
 
+/// A trained policy for any mission on the host.
+pub type AnyMissionPolicy = SetsPolicy<f64, Vec<u8>, Box<SetsWork>, { USERS_MAX }, { SENSORS_MAX }>;
+
 /// A policy of any kind that has been loaded for a mission.
 #[derive(Debug)]
 pub enum HostPolicy {
@@ -215,6 +220,8 @@ pub enum HostPolicy {
     Plan(Box<HostPlanner>),
     /// A `.policy` file, evaluated by the same code as on the microcontroller.
     Mlp(Box<Mlp<Vec<u8>>>),
+    /// A `.policy` file for any mission, likewise.
+    AnyMission(Box<AnyMissionPolicy>),
     /// An `.onnx` file, evaluated by tract.
     #[cfg(feature = "onnx")]
     Onnx(Box<OnnxPolicy>),
@@ -307,6 +314,9 @@ impl HostPolicy {
             .is_some_and(|extension| extension == "onnx")
         {
             Self::read_onnx(&file).map_err(|error| named(path, error))?
+        } else if format_version(&file) == Ok(sets::FORMAT_VERSION) {
+            let policy = Self::read_any_mission(file, scenario);
+            policy.map_err(|error| named(path, error))?
         } else {
             let policy = Mlp::load(file).map_err(|error| named(path, error))?;
             Self::Mlp(Box::new(policy))
@@ -316,6 +326,14 @@ impl HostPolicy {
             fits.map_err(|mismatch| named(path, mismatch))?;
         }
         Ok(policy)
+    }
+
+    fn read_any_mission(file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {
+        let mut work = Box::<SetsWork>::default();
+        let network = SetsNetwork::load(file, &mut work).map_err(|error| error.to_string())?;
+        let policy = SetsPolicy::new(network, &scenario.mission, work);
+        let policy = policy.map_err(|mismatch| mismatch.to_string())?;
+        Ok(Self::AnyMission(Box::new(policy)))
     }
 
     #[cfg(feature = "onnx")]
@@ -333,10 +351,12 @@ impl HostPolicy {
         )
     }
 
-    /// Returns the origin of a trained policy: the mission and the settings of its training.
+    /// Returns the origin of a policy that was trained for one mission: the mission and the settings
+    /// of the training.
     pub fn provenance(&self) -> Option<&Provenance> {
         match self {
             Self::StraightLine(_) | Self::Fixed(_) | Self::Search(_) | Self::Plan(_) => None,
+            Self::AnyMission(_) => None,
             Self::Mlp(policy) => Some(policy.provenance()),
             #[cfg(feature = "onnx")]
             Self::Onnx(policy) => Some(policy.provenance()),
@@ -357,6 +377,7 @@ impl HostPolicy {
             Self::Search(policy) => policy,
             Self::Plan(planner) => &**planner,
             Self::Mlp(policy) => &**policy,
+            Self::AnyMission(policy) => &**policy,
             #[cfg(feature = "onnx")]
             Self::Onnx(policy) => &**policy,
         }
@@ -369,6 +390,7 @@ impl HostPolicy {
             Self::Search(policy) => policy,
             Self::Plan(planner) => &mut **planner,
             Self::Mlp(policy) => &mut **policy,
+            Self::AnyMission(policy) => &mut **policy,
             #[cfg(feature = "onnx")]
             Self::Onnx(policy) => &mut **policy,
         }

@@ -15,8 +15,8 @@ use scenario::Scenario;
 use trainer::{
     ddpg::Ddpg,
     imitation::{
+        demonstration::Demonstration,
         encoder::{Encoder, FEATURES},
-        lesson::Lesson,
         loss,
         sample::{Labels, Sample},
         settings::ImitationSettings,
@@ -104,27 +104,27 @@ fn flying() -> Step {
 const STATES: usize = 256;
 
 /// Returns planned missions, the settings they were planned with, and samples of them.
-fn lessons() -> (ImitationSettings, Vec<Lesson>, Vec<Sample>) {
+fn demonstrations() -> (ImitationSettings, Vec<Demonstration>, Vec<Sample>) {
     let settings = ImitationSettings::default();
-    let lessons: Vec<Lesson> = (0..8)
-        .map(|index| Lesson::new(&settings, index, None).expect("a mission"))
+    let demonstrations: Vec<Demonstration> = (0..8)
+        .map(|index| Demonstration::new(&settings, index, None).expect("a mission"))
         .collect();
     let mut rng = Pcg64Mcg::seed_from_u64(1);
-    let samples = (0..STATES).map(|_| Sample::draw(&lessons, &mut rng));
+    let samples = (0..STATES).map(|_| Sample::draw(&demonstrations, &mut rng));
     let samples = samples.collect();
-    (settings, lessons, samples)
+    (settings, demonstrations, samples)
 }
 
 /// Returns the gradient of the network for any mission to be measured.
 fn sets() -> Step {
-    let (settings, lessons, samples) = lessons();
+    let (settings, demonstrations, samples) = demonstrations();
     let network = SetNetwork::new(settings.architecture, FEATURES, 1);
     let mut gradients = BatchGradient::new(&network, 1);
     Box::new(move || {
         let fill = |range: Range<usize>, batch: &mut SetBatch| {
             let (mut encoder, mut labels) = (Encoder::default(), Labels::default());
             for sample in &samples[range] {
-                sample.push(&lessons, &settings, &mut encoder, batch, &mut labels);
+                sample.push(&demonstrations, &settings, &mut encoder, batch, &mut labels);
             }
             labels
         };
@@ -135,13 +135,19 @@ fn sets() -> Step {
 
 /// Returns the inputs of a batch to be measured.
 fn sets_inputs() -> Step {
-    let (settings, lessons, samples) = lessons();
+    let (settings, demonstrations, samples) = demonstrations();
     let mut batch = SetBatch::new(FEATURES);
     Box::new(move || {
         let (mut encoder, mut labels) = (Encoder::default(), Labels::default());
         batch.clear();
         for sample in &samples {
-            sample.push(&lessons, &settings, &mut encoder, &mut batch, &mut labels);
+            sample.push(
+                &demonstrations,
+                &settings,
+                &mut encoder,
+                &mut batch,
+                &mut labels,
+            );
         }
         black_box(&labels);
     })

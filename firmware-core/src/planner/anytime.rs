@@ -387,13 +387,13 @@ impl<T: Scalar, S: Memory<T>, const M: usize, const J: usize> Policy<T, M> for P
         }
     }
 
-    /// Learns how the gains differ from the channel model. Where they notably do, the search starts
-    /// from the present plan, as after a change.
+    /// Learns how the gains differ from the channel model. Where they notably do, the present plan is
+    /// corrected, as after a decision: a search as after a change gains no more.
     fn note_gains(&mut self, measured: &MeasuredGains<'_, T>) {
         if self.search.learned.note(&self.search.mission, measured) {
             let (counts, position) = (self.counts.clone(), self.search.from());
             self.begin(&counts, position, true);
-            self.operations_left = self.operations_left.max(self.operations_per_change);
+            self.correction_left = self.operations_per_correction;
         }
     }
 

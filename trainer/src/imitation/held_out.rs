@@ -5,7 +5,7 @@ use environment::Allocation;
 use pulp::Arch;
 use scenario::{HostMission, random};
 
-use super::{lesson::planned, policy::SetPolicy};
+use super::{demonstration::planned, policy::SetPolicy};
 use crate::{evaluate::fly, nn::sets::SetNetwork};
 
 /// The seed of the first mission: beyond the benchmark's, and below those of all runs.

@@ -7,8 +7,8 @@
 //! | module | content |
 //! |---|---|
 //! | [`settings`] | all settings of a run |
-//! | [`lesson`] | a planned mission as examples |
-//! | [`lessons`] | lessons from threads in the background, in an order that depends on nothing else |
+//! | [`demonstration`] | a planned mission as examples |
+//! | [`demonstrations`] | demonstrations from threads in the background, in an order that depends on nothing else |
 //! | [`symmetry`] | reflections of a mission |
 //! | [`encoder`] | a state as inputs of the network |
 //! | [`sample`] | an example as inputs and label, reflected and disturbed |
@@ -18,11 +18,11 @@
 //! | [`export`] | the `.policy` file |
 //! | [`run`] | a run: start, resume, train, evaluate, save |
 
+pub mod demonstration;
+pub mod demonstrations;
 pub mod encoder;
 pub mod export;
 pub mod held_out;
-pub mod lesson;
-pub mod lessons;
 pub mod loss;
 pub mod policy;
 pub mod run;

@@ -17,10 +17,10 @@ use rand_pcg::Pcg64Mcg;
 
 use self::saved::{Best, Saved};
 use super::{
+    demonstration::Demonstration,
+    demonstrations::Demonstrations,
     encoder::{Encoder, FEATURES},
     held_out::{Evaluation, HeldOut},
-    lesson::Lesson,
-    lessons::Lessons,
     loss,
     sample::{Labels, Sample},
     settings::ImitationSettings,
@@ -37,7 +37,7 @@ use crate::{
 
 pub use self::saved::{TrainedNetwork, is_imitation};
 
-/// The number of lessons that are asked for ahead of their use.
+/// The number of demonstrations that are asked for ahead of their use.
 const AHEAD: usize = 8;
 /// The number of steps between two copies of the network that fly missions.
 const STEPS_PER_PILOT: u64 = 250;
@@ -76,8 +76,8 @@ pub struct Imitation {
     /// The duration of earlier parts of the run, seconds.
     earlier_seconds: f64,
     started: Instant,
-    lessons: Vec<Lesson>,
-    queue: Lessons,
+    demonstrations: Vec<Demonstration>,
+    queue: Demonstrations,
     /// The copy of the network that flies missions.
     pilot: Option<Arc<SetNetwork>>,
     rows: Vec<MetricsRow>,
@@ -116,13 +116,13 @@ impl Imitation {
             adam: Adam::new(network.layout().len),
             gradients: BatchGradient::new(&network, threads.gradient),
             rng: Pcg64Mcg::seed_from_u64(settings.seed),
-            queue: Lessons::new(&settings, threads.planning, 0, VecDeque::new()),
+            queue: Demonstrations::new(&settings, threads.planning, 0, VecDeque::new()),
             arch: Arch::new(),
             network,
             step: 0,
             earlier_seconds: 0.0,
             started: Instant::now(),
-            lessons: Vec::new(),
+            demonstrations: Vec::new(),
             pilot: None,
             rows: Vec::new(),
             best: None,
@@ -136,8 +136,8 @@ impl Imitation {
             run.queue.ask(None)?;
         }
         for _ in 0..run.settings.first_missions {
-            let lesson = run.queue.take()?;
-            run.lessons.push(lesson);
+            let demonstration = run.queue.take()?;
+            run.demonstrations.push(demonstration);
         }
         Ok(run)
     }
@@ -168,19 +168,20 @@ impl Imitation {
         };
         let network = load(&saved.parameters)?;
         let pilot = saved.pilot.as_deref().map(load).transpose()?;
-        let restore = |(seed, examples)| Lesson::restored(seed, examples);
-        let lessons: anyhow::Result<Vec<_>> = saved.lessons.into_iter().map(restore).collect();
+        let restore = |(seed, examples)| Demonstration::restored(seed, examples);
+        let demonstrations: anyhow::Result<Vec<_>> =
+            saved.demonstrations.into_iter().map(restore).collect();
         let ready: anyhow::Result<VecDeque<_>> = saved.ready.into_iter().map(restore).collect();
         let run = Self {
             gradients: BatchGradient::new(&network, threads.gradient),
-            queue: Lessons::new(&settings, threads.planning, saved.next, ready?),
+            queue: Demonstrations::new(&settings, threads.planning, saved.next, ready?),
             arch: Arch::new(),
             adam: saved.adam,
             rng: saved.rng,
             step: saved.step,
             earlier_seconds: saved.seconds,
             started: Instant::now(),
-            lessons: lessons?,
+            demonstrations: demonstrations?,
             pilot: pilot.map(Arc::new),
             rows: saved.rows,
             best: saved.best,
@@ -258,19 +259,19 @@ impl Imitation {
         }
     }
 
-    /// Takes new lessons and performs one gradient step.
+    /// Takes new demonstrations and performs one gradient step.
     fn learn(&mut self, fraction: f64) -> anyhow::Result<()> {
         let settings = &self.settings;
         if self.step.is_multiple_of(settings.steps_per_mission) {
-            let lesson = self.queue.take()?;
-            self.lessons.push(lesson);
-            let index = self.lessons.len() as u64;
+            let demonstration = self.queue.take()?;
+            self.demonstrations.push(demonstration);
+            let index = self.demonstrations.len() as u64;
             let own = index.is_multiple_of(OWN_FLIGHTS);
             self.queue.ask(self.pilot.clone().filter(|_| own))?;
         }
-        let draw = |_| Sample::draw(&self.lessons, &mut self.rng);
+        let draw = |_| Sample::draw(&self.demonstrations, &mut self.rng);
         let samples: Vec<Sample> = (0..settings.batch).map(draw).collect();
-        let lessons = &self.lessons;
+        let demonstrations = &self.demonstrations;
         let (gradient, losses) = self.gradients.gradient(
             self.arch,
             &self.network,
@@ -279,7 +280,7 @@ impl Imitation {
                 let mut encoder = Encoder::default();
                 let mut labels = Labels::default();
                 for sample in &samples[range] {
-                    sample.push(lessons, settings, &mut encoder, batch, &mut labels);
+                    sample.push(demonstrations, settings, &mut encoder, batch, &mut labels);
                 }
                 labels
             },
@@ -346,7 +347,7 @@ impl Imitation {
                 "{:.1} min, step {}, {} missions, {states_per_second:.0} states/s: {}",
                 self.seconds() / 60.0,
                 self.step,
-                self.lessons.len(),
+                self.demonstrations.len(),
                 shown.join(", ")
             );
         }
@@ -354,7 +355,7 @@ impl Imitation {
         let speed = [("charts/SPS", states_per_second as f32)];
         events.scalars(self.step, scalars.chain(speed))?;
         self.rows.push(MetricsRow {
-            episode: self.lessons.len() as u32,
+            episode: self.demonstrations.len() as u32,
             global_step: self.step,
             values,
         });
@@ -369,13 +370,14 @@ impl Imitation {
         output::write(&path, settings.as_bytes()).with_context(|| path.display().to_string())
     }
 
-    /// Saves metrics and checkpoint. Waits for the lessons that have been asked for, so that the
+    /// Saves metrics and checkpoint. Waits for the demonstrations that have been asked for, so that the
     /// run continues with the same ones.
     fn save(&mut self) -> anyhow::Result<()> {
         metrics::write_csv(&self.directory.join(METRICS), &self.rows)?;
         let seconds = self.seconds();
         let (ready, next) = self.queue.settle()?;
-        let state = |lesson: &Lesson| (lesson.seed, lesson.examples.clone());
+        let state =
+            |demonstration: &Demonstration| (demonstration.seed, demonstration.examples.clone());
         let saved = Saved {
             settings: self.settings.clone(),
             step: self.step,
@@ -383,7 +385,7 @@ impl Imitation {
             parameters: self.network.export(),
             adam: self.adam.clone(),
             rng: self.rng.clone(),
-            lessons: self.lessons.iter().map(state).collect(),
+            demonstrations: self.demonstrations.iter().map(state).collect(),
             ready: ready.iter().map(state).collect(),
             next,
             pilot: self.pilot.as_ref().map(|pilot| pilot.export()),

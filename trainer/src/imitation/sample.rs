@@ -6,8 +6,8 @@ use rand_pcg::Pcg64Mcg;
 use scenario::HostMission;
 
 use super::{
+    demonstration::{Demonstration, Example},
     encoder::Encoder,
-    lesson::{Example, Lesson},
     settings::ImitationSettings,
     symmetry::Symmetry,
 };
@@ -27,21 +27,21 @@ pub struct Labels {
 /// A sample: an example, and the seed of its reflection and disturbance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sample {
-    /// The index of the lesson.
-    pub lesson: usize,
-    /// The index of the example in the lesson.
+    /// The index of the demonstration.
+    pub demonstration: usize,
+    /// The index of the example in the demonstration.
     pub example: usize,
     /// The seed.
     pub seed: u64,
 }
 
 impl Sample {
-    /// Draws an example of one of the lessons.
-    pub fn draw(lessons: &[Lesson], rng: &mut Pcg64Mcg) -> Self {
-        let lesson = rng.random_range(0..lessons.len());
+    /// Draws an example of one of the demonstrations.
+    pub fn draw(demonstrations: &[Demonstration], rng: &mut Pcg64Mcg) -> Self {
+        let demonstration = rng.random_range(0..demonstrations.len());
         Self {
-            lesson,
-            example: rng.random_range(0..lessons[lesson].examples.len()),
+            demonstration,
+            example: rng.random_range(0..demonstrations[demonstration].examples.len()),
             seed: rng.random(),
         }
     }
@@ -49,18 +49,18 @@ impl Sample {
     /// Adds the sample to a batch and its labels.
     pub fn push(
         &self,
-        lessons: &[Lesson],
+        demonstrations: &[Demonstration],
         settings: &ImitationSettings,
         encoder: &mut Encoder,
         batch: &mut SetBatch,
         labels: &mut Labels,
     ) {
-        let lesson = &lessons[self.lesson];
-        let example = &lesson.examples[self.example];
+        let demonstration = &demonstrations[self.demonstration];
+        let example = &demonstration.examples[self.example];
         let mut rng = Pcg64Mcg::seed_from_u64(self.seed);
         let symmetry = Symmetry::random(&mut rng);
-        let mission = symmetry.mission(&lesson.mission);
-        let area = lesson.mission.parameters().area;
+        let mission = symmetry.mission(&demonstration.mission);
+        let area = demonstration.mission.parameters().area;
         let place =
             |[east_m, north_m]: [f64; 2]| symmetry.place(&area, &Position::new(east_m, north_m));
         let mut position = place(example.position_m);

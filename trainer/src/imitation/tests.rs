@@ -1,4 +1,4 @@
-//! Lessons, samples, the loss and short runs.
+//! Demonstrations, samples, the loss and short runs.
 
 use firmware_core::{
     inner::Workspace,
@@ -13,8 +13,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::{
+    demonstration::Demonstration,
     encoder::{Encoder, FEATURES},
-    lesson::Lesson,
     loss,
     policy::SetPolicy,
     run::{Imitation, Threads, TrainedNetwork},
@@ -51,31 +51,34 @@ fn quick() -> ImitationSettings {
 
 /// The planner's answers keep the rules, in the states of the plan and in those of a flight.
 #[test]
-fn a_lesson_has_admissible_answers_in_every_slot() {
-    let lesson = Lesson::new(&quick(), 0, None).expect("a lesson");
-    let slots = lesson.mission.slots();
-    assert_eq!(lesson.examples.len(), 2 * slots as usize);
-    let reach_m = lesson.mission.reach_m();
-    for (index, example) in lesson.examples.iter().enumerate() {
+fn a_demonstration_has_admissible_answers_in_every_slot() {
+    let demonstration = Demonstration::new(&quick(), 0, None).expect("a demonstration");
+    let slots = demonstration.mission.slots();
+    assert_eq!(demonstration.examples.len(), 2 * slots as usize);
+    let reach_m = demonstration.mission.reach_m();
+    for (index, example) in demonstration.examples.iter().enumerate() {
         assert_eq!(example.slot, index as u32 % slots + 1);
-        let fairness = Fairness::of_state(&lesson.mission, &example.counts, example.slot - 1);
+        let fairness =
+            Fairness::of_state(&demonstration.mission, &example.counts, example.slot - 1);
         assert!(fairness.admits(example.user.into()), "{example:?}");
         let [x, y] = [0, 1].map(|i| example.waypoint_m[i] - example.position_m[i]);
         assert!(x.hypot(y) <= reach_m * 1.001, "{example:?}");
     }
     // The flight is disturbed.
-    let (plan, flight) = lesson.examples.split_at(slots as usize);
-    let differ =
-        |(a, b): (&super::lesson::Example, &super::lesson::Example)| a.position_m != b.position_m;
+    let (plan, flight) = demonstration.examples.split_at(slots as usize);
+    let differ = |(a, b): (
+        &super::demonstration::Example,
+        &super::demonstration::Example,
+    )| a.position_m != b.position_m;
     assert!(plan.iter().zip(flight).filter(|&pair| differ(pair)).count() > slots as usize / 2);
 }
 
 /// A reflection changes no rate, so it changes no feature but the components of directions.
 #[test]
 fn a_reflected_mission_has_reflected_features() {
-    let lesson = Lesson::new(&quick(), 1, None).expect("a lesson");
-    let example = &lesson.examples[5];
-    let area = lesson.mission.parameters().area;
+    let demonstration = Demonstration::new(&quick(), 1, None).expect("a demonstration");
+    let example = &demonstration.examples[5];
+    let area = demonstration.mission.parameters().area;
     let [x, y] = example.position_m;
     let position = firmware_core::Position::new(x, y);
     let mut encoders = [Encoder::default(), Encoder::default()];
@@ -84,11 +87,11 @@ fn a_reflected_mission_has_reflected_features() {
         flip_north: false,
         transpose: true,
     };
-    let reflected = symmetry.mission(&lesson.mission);
+    let reflected = symmetry.mission(&demonstration.mission);
     assert_eq!(symmetry.place(&area, &position).y, area.east_m - x);
     encoders[0].encode(
-        &lesson.mission,
-        &example.observation(&lesson.mission, position),
+        &demonstration.mission,
+        &example.observation(&demonstration.mission, position),
     );
     let place = symmetry.place(&area, &position);
     encoders[1].encode(&reflected, &example.observation(&reflected, place));
@@ -114,13 +117,19 @@ fn loss_of(labels: &Labels, batch: &SetBatch, outputs: &Outputs) -> (f64, Output
 #[test]
 fn the_gradient_of_the_loss_matches_differences_and_ignores_forbidden_users() {
     let settings = quick();
-    let lessons = [Lesson::new(&settings, 2, None).expect("a lesson")];
+    let demonstrations = [Demonstration::new(&settings, 2, None).expect("a demonstration")];
     let (mut batch, mut labels) = (SetBatch::new(FEATURES), Labels::default());
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     for _ in 0..40 {
-        let sample = Sample::draw(&lessons, &mut rng);
+        let sample = Sample::draw(&demonstrations, &mut rng);
         let mut encoder = Encoder::default();
-        sample.push(&lessons, &settings, &mut encoder, &mut batch, &mut labels);
+        sample.push(
+            &demonstrations,
+            &settings,
+            &mut encoder,
+            &mut batch,
+            &mut labels,
+        );
     }
     assert!(labels.admissible.contains(&false), "nothing is forbidden");
     let network = SetNetwork::new(settings.architecture, FEATURES, 1);

@@ -11,12 +11,12 @@ use crate::experiment::table;
 /// # Errors
 /// Returns a message of one line if a CSV file has other columns.
 pub fn section(directory: &Path, figures: &str) -> Result<String, String> {
-    let path = directory.join(format!("{NAME}.csv"));
-    if !path.exists() {
+    let [path, moving] = [NAME, MOVING].map(|stem| directory.join(format!("{stem}.csv")));
+    if !(path.exists() && moving.exists()) {
         return Ok(String::new());
     }
     let rows: Vec<RobustnessRow> = table::read(&path)?;
-    let moving: Vec<MovingRow> = table::read(&directory.join(format!("{MOVING}.csv")))?;
+    let moving: Vec<MovingRow> = table::read(&moving)?;
     let missions = rows.iter().map(|row| row.missions).max().unwrap_or(0);
     let seeds = rows.iter().map(|row| row.seeds).max().unwrap_or(0);
     let mut text = format!(

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     checkpoint::{read_checked, write_checked},
-    imitation::{lesson::Example, settings::ImitationSettings},
+    imitation::{demonstration::Example, settings::ImitationSettings},
     metrics::MetricsRow,
     nn::{Adam, sets::Architecture},
 };
@@ -38,7 +38,7 @@ pub(super) struct Saved {
     pub(super) adam: Adam,
     pub(super) rng: Pcg64Mcg,
     /// Seeds and examples of the missions.
-    pub(super) lessons: Vec<(u64, Vec<Example>)>,
+    pub(super) demonstrations: Vec<(u64, Vec<Example>)>,
     /// Those that have been made but not learned from.
     pub(super) ready: Vec<(u64, Vec<Example>)>,
     pub(super) next: u64,
@@ -90,7 +90,7 @@ impl TrainedNetwork {
         Ok(Self {
             architecture: saved.settings.architecture,
             parameters: best.map_or(saved.parameters, |best| best.parameters),
-            missions: saved.lessons.len().try_into()?,
+            missions: saved.demonstrations.len().try_into()?,
             seed: saved.settings.seed,
         })
     }

@@ -1,6 +1,6 @@
-//! Lessons from a thread in the background.
+//! Demonstrations from a thread in the background.
 //!
-//! Lessons are asked for by index and come in the order in which they were asked for, so what a run
+//! Demonstrations are asked for by index and come in the order in which they were asked for, so what a run
 //! learns from does not depend on how long a plan takes.
 
 use std::{
@@ -11,55 +11,58 @@ use std::{
 
 use anyhow::Context;
 
-use super::{lesson::Lesson, settings::ImitationSettings};
+use super::{demonstration::Demonstration, settings::ImitationSettings};
 use crate::nn::sets::SetNetwork;
 
 /// A mission to plan, and the network that flies it.
 type Request = (u64, Option<Arc<SetNetwork>>);
 
-/// A queue of lessons.
+/// A queue of demonstrations.
 #[derive(Debug)]
-pub struct Lessons {
+pub struct Demonstrations {
     workers: Vec<Worker>,
-    /// Lessons that have been made but not taken.
-    ready: VecDeque<Lesson>,
-    /// The index of the next lesson to be asked for.
+    /// Demonstrations that have been made but not taken.
+    ready: VecDeque<Demonstration>,
+    /// The index of the next demonstration to be asked for.
     next: u64,
-    /// The number of lessons that have been asked for and have not come.
+    /// The number of demonstrations that have been asked for and have not come.
     expected: usize,
 }
 
 #[derive(Debug)]
 struct Worker {
     requests: mpsc::Sender<Request>,
-    lessons: mpsc::Receiver<anyhow::Result<Lesson>>,
+    demonstrations: mpsc::Receiver<anyhow::Result<Demonstration>>,
 }
 
 impl Worker {
     fn start(settings: ImitationSettings) -> Self {
         let (requests, incoming) = mpsc::channel::<Request>();
-        let (outgoing, lessons) = mpsc::channel();
+        let (outgoing, demonstrations) = mpsc::channel();
         thread::spawn(move || {
             for (index, network) in incoming {
-                let lesson = Lesson::new(&settings, index, network.as_deref());
-                // The run is over when nobody takes lessons.
-                if outgoing.send(lesson).is_err() {
+                let demonstration = Demonstration::new(&settings, index, network.as_deref());
+                // The run is over when nobody takes demonstrations.
+                if outgoing.send(demonstration).is_err() {
                     break;
                 }
             }
         });
-        Self { requests, lessons }
+        Self {
+            requests,
+            demonstrations,
+        }
     }
 }
 
-impl Lessons {
-    /// Starts `threads` threads. The first lesson to be asked for is `next`; before it, `ready` are
+impl Demonstrations {
+    /// Starts `threads` threads. The first demonstration to be asked for is `next`; before it, `ready` are
     /// taken.
     pub fn new(
         settings: &ImitationSettings,
         threads: usize,
         next: u64,
-        ready: VecDeque<Lesson>,
+        ready: VecDeque<Demonstration>,
     ) -> Self {
         let start = |_| Worker::start(settings.clone());
         Self {
@@ -70,12 +73,12 @@ impl Lessons {
         }
     }
 
-    /// Returns the number of lessons that have been asked for and not taken.
+    /// Returns the number of demonstrations that have been asked for and not taken.
     pub fn outstanding(&self) -> usize {
         self.ready.len() + self.expected
     }
 
-    /// Asks for a lesson, flown by `network` or by the planner.
+    /// Asks for a demonstration, flown by `network` or by the planner.
     ///
     /// # Errors
     /// Fails if a thread has failed.
@@ -88,34 +91,34 @@ impl Lessons {
         Ok(())
     }
 
-    /// Takes the next lesson, and waits for it if need be.
+    /// Takes the next demonstration, and waits for it if need be.
     ///
     /// # Errors
     /// Fails if it could not be planned.
-    pub fn take(&mut self) -> anyhow::Result<Lesson> {
+    pub fn take(&mut self) -> anyhow::Result<Demonstration> {
         match self.ready.pop_front() {
-            Some(lesson) => Ok(lesson),
+            Some(demonstration) => Ok(demonstration),
             None => self.receive(),
         }
     }
 
-    fn receive(&mut self) -> anyhow::Result<Lesson> {
+    fn receive(&mut self) -> anyhow::Result<Demonstration> {
         let index = self.next - self.expected as u64;
         let worker = &self.workers[index as usize % self.workers.len()];
         self.expected = self.expected.saturating_sub(1);
-        let lesson = worker.lessons.recv();
-        lesson.context("a planning thread has failed")?
+        let demonstration = worker.demonstrations.recv();
+        demonstration.context("a planning thread has failed")?
     }
 
-    /// Waits for all lessons that have been asked for, and returns those that have not been taken
+    /// Waits for all demonstrations that have been asked for, and returns those that have not been taken
     /// and the index of the next one to be asked for.
     ///
     /// # Errors
     /// Fails if one could not be planned.
-    pub fn settle(&mut self) -> anyhow::Result<(&VecDeque<Lesson>, u64)> {
+    pub fn settle(&mut self) -> anyhow::Result<(&VecDeque<Demonstration>, u64)> {
         while self.expected > 0 {
-            let lesson = self.receive()?;
-            self.ready.push_back(lesson);
+            let demonstration = self.receive()?;
+            self.ready.push_back(demonstration);
         }
         Ok((&self.ready, self.next))
     }

@@ -40,7 +40,7 @@ pub struct Example {
 
 /// A planned mission.
 #[derive(Clone, Debug)]
-pub struct Lesson {
+pub struct Demonstration {
     /// The seed of `scenario random`.
     pub seed: u64,
     /// The mission.
@@ -72,7 +72,7 @@ pub fn planned(mission: &HostMission, operations: u64) -> anyhow::Result<HostPla
     Ok(planner)
 }
 
-impl Lesson {
+impl Demonstration {
     /// Plans mission `index` of a run. The examples are the states of the plan, and those of a
     /// flight by `network`, or, without one, of a disturbed flight by the planner.
     ///
@@ -104,7 +104,7 @@ impl Lesson {
         })
     }
 
-    /// Restores a lesson from its seed and examples.
+    /// Restores a demonstration from its seed and examples.
     ///
     /// # Errors
     /// Fails if the seed gives no mission.

@@ -1,0 +1,109 @@
+//! Policies for any mission, flown as a user would fly them.
+
+mod program;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use firmware_core::{
+    inner::Workspace,
+    policy::{
+        Observation,
+        sets::{
+            Architecture, Precision, SetsHeader, SetsObservation, SetsProvenance, SetsWork, write,
+        },
+    },
+    shield::Agility,
+};
+use program::{json, number, refusal, text};
+use scenario::Scenario;
+use tempfile::tempdir;
+
+/// Writes a network that was not trained: its weights are the sines of their indices.
+fn untrained(folder: &Path) -> PathBuf {
+    let architecture = Architecture {
+        width: 32,
+        hidden: 32,
+        layers: 1,
+    };
+    let mission = Scenario::shipped("separated").expect("shipped").mission;
+    let observation = Observation {
+        slot: 1,
+        counts: &[],
+        rate: 0.0,
+        mse: 0.0,
+        position: mission.parameters().start,
+        agility: Agility::ideal(&mission),
+    };
+    let test = SetsObservation::new(&mission, &observation, &mut Workspace::default());
+    let provenance = SetsProvenance {
+        algorithm: "none".try_into().expect("short"),
+        missions: "none".try_into().expect("short"),
+        episodes: 0,
+        seed: 0,
+    };
+    let header = SetsHeader::new(provenance, architecture, Precision::Half, &test);
+    let weights = (0..architecture.weight_count()).map(|index| (index as f32).sin() * 0.3);
+    let mut bytes = vec![0; 1 << 20];
+    let length = write(
+        &header,
+        weights,
+        &test,
+        &mut SetsWork::default(),
+        &mut bytes,
+    );
+    bytes.truncate(length.expect("a policy"));
+    let file = folder.join("any.policy");
+    fs::write(&file, bytes).expect("written");
+    file
+}
+
+/// One file flies both shipped maps and a random one, also after changes in flight. Nothing is
+/// broken, although the network was not trained: the shield sees to it.
+#[test]
+fn one_file_flies_every_map() {
+    let folder = tempdir().expect("a folder");
+    let policy = untrained(folder.path());
+    let random = folder.path().join("random.toml");
+    let mission = scenario::random(7, None).expect("a mission");
+    fs::write(&random, mission.to_toml()).expect("written");
+    let events = folder.path().join("events.toml");
+    let later = "[[event]]\nslot = 9\nuser = 1\nposition_m = [500.0, 500.0]\n\
+                 [[event]]\nslot = 12\nsensor = 2\nleaves = true\n";
+    fs::write(&events, later).expect("written");
+    let out = folder.path().join("out");
+    for scenario in ["separated", "mixed", text(&random)] {
+        let flown = json(&[
+            "run",
+            "--json",
+            "--scenario",
+            scenario,
+            "--policy",
+            text(&policy),
+            "--events",
+            text(&events),
+            "--out",
+            text(&out),
+        ]);
+        assert_eq!(flown["policy"], "any.policy", "{scenario}");
+        assert_eq!(number(&flown, "constraint_violations"), 0.0, "{scenario}");
+        assert_eq!(flown["arrived"], true, "{scenario}");
+        assert_eq!(flown["fair"], true, "{scenario}");
+    }
+}
+
+/// A damaged file is refused in one line that names it.
+#[test]
+fn a_damaged_file_is_refused() {
+    let folder = tempdir().expect("a folder");
+    let policy = untrained(folder.path());
+    let mut bytes = fs::read(&policy).expect("written");
+    if let Some(last) = bytes.last_mut() {
+        *last ^= 1;
+    }
+    fs::write(&policy, bytes).expect("written");
+    let refused = refusal(&["run", "--policy", text(&policy)]);
+    assert!(refused.contains("any.policy: checksum is"), "{refused}");
+}
