@@ -1,10 +1,11 @@
 //! The policies that can be selected on the command line.
 
+mod trained;
+
 use std::{
-    fmt, fs,
+    fmt,
     path::{Path, PathBuf},
     str::FromStr,
-    sync::LazyLock,
     time::Duration,
 };
 
@@ -26,6 +27,7 @@ use planning::bound;
 use planning::planner::{self, HostPlanner, PlanProgress};
 use planning::{search::SearchPolicy, waypoint_file};
 use scenario::Scenario;
+use trained::{shipped, trained_for};
 
 /// A policy as selected on the command line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -111,97 +113,6 @@ impl fmt::Display for PolicyChoice {
             }
         }
     }
-}
-
-/// Embeds policies of `models/cells`: names and contents.
-macro_rules! cells {
-    ($($name:literal,)*) => {
-        [$((
-            concat!($name, ".onnx"),
-            include_bytes!(concat!("../../models/cells/", $name, ".onnx")),
-        ),)*]
-    };
-}
-
-/// The shipped policies: SAC with Table I's settings, each trained for one mission.
-static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
-    let default: [(&str, &[u8]); 2] = [
-        (
-            "separated-sac.onnx",
-            include_bytes!("../../models/separated-sac.onnx"),
-        ),
-        (
-            "mixed-sac.onnx",
-            include_bytes!("../../models/mixed-sac.onnx"),
-        ),
-    ];
-    let cells: [(&str, &[u8]); CELLS] = cells![
-        "mixed-t60-n85-g0.010-sac-paper-s1",
-        "mixed-t60-n85-g0.015-sac-paper-s1",
-        "mixed-t60-n85-g0.020-sac-paper-s1",
-        "mixed-t60-n85-g0.025-sac-paper-s1",
-        "mixed-t60-n95-g0.010-sac-paper-s1",
-        "mixed-t60-n95-g0.015-sac-paper-s1",
-        "mixed-t60-n95-g0.020-sac-paper-s1",
-        "mixed-t60-n95-g0.025-sac-paper-s1",
-        "separated-t60-n85-g0.010-sac-paper-s1",
-        "separated-t60-n85-g0.015-sac-paper-s1",
-        "separated-t60-n85-g0.020-sac-paper-s1",
-        "separated-t60-n85-g0.025-sac-paper-s1",
-        "separated-t60-n95-g0.010-sac-paper-s1",
-        "separated-t60-n95-g0.015-sac-paper-s1",
-        "separated-t60-n95-g0.020-sac-paper-s1",
-        "separated-t60-n95-g0.025-sac-paper-s1",
-    ];
-    default.into_iter().chain(cells).collect()
-});
-/// The number of policies for the missions of the paper's figures.
-const CELLS: usize = 16;
-
-/// Returns the policy that was trained for the mission of a scenario, if one is shipped: its file's
-/// name and content.
-fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8])> {
-    let digest = scenario.digest();
-    let found = SHIPPED
-        .iter()
-        .find(|(_, file)| contains_digest(file, &digest))?;
-    cfg!(feature = "onnx").then_some(*found)
-}
-
-/// Returns whether an ONNX file may be a policy for the mission with this digest. The file contains
-/// the digest as text. Parsing all files as networks would take a second.
-fn contains_digest(file: &[u8], digest: &str) -> bool {
-    let mut parts = file.windows(digest.len());
-    parts.any(|part| part == digest.as_bytes())
-}
-
-/// Returns the policy of a directory that was trained for the mission of a scenario: its file and
-/// its content. Among several, the first in the order of the names is taken.
-///
-/// # Errors
-/// Returns a message of one line if the directory or one of its files cannot be read, or if none of
-/// them was trained for the mission.
-fn trained_for(folder: &Path, scenario: &Scenario) -> Result<(PathBuf, Vec<u8>), String> {
-    let digest = scenario.digest();
-    let entries = fs::read_dir(folder).map_err(|error| named(folder, error))?;
-    let mut paths = Vec::new();
-    for entry in entries {
-        paths.push(entry.map_err(|error| named(folder, error))?.path());
-    }
-    paths.sort();
-    for path in paths {
-        if path.extension().is_some_and(|kind| kind == "onnx") {
-            let file = input::read(&path).map_err(|error| named(&path, error))?;
-            if contains_digest(&file, &digest) {
-                return Ok((path, file));
-            }
-        }
-    }
-    let problem = format!(
-        "no .onnx file in it was trained for the mission {}",
-        scenario.name
-    );
-    Err(named(folder, problem))
 }
 
 /// A trained policy for any mission on the host.

@@ -6,7 +6,7 @@ use super::{ErrorKind, Group, MOVING, MovingRow, NAME, OUTAGE, Pilot, Robustness
 use crate::experiment::table;
 
 /// Returns the section, with links to drawings that start with `figures`; nothing if it was not
-/// measured.
+/// measured to the end.
 ///
 /// # Errors
 /// Returns a message of one line if a CSV file has other columns.
