@@ -22,7 +22,7 @@ use firmware_core::{
     },
 };
 
-use files::input;
+use files::{input, named};
 use planning::bound;
 use planning::planner::{self, HostPlanner, PlanProgress};
 use planning::{search::SearchPolicy, waypoint_file};
@@ -273,11 +273,6 @@ impl HostPolicy {
             Self::Onnx(policy) => Some(policy.provenance()),
         }
     }
-}
-
-/// Returns the problem with the path of the file before it.
-fn named(path: &Path, problem: impl fmt::Display) -> String {
-    format!("{}: {problem}", path.display())
 }
 
 impl HostPolicy {

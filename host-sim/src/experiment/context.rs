@@ -48,7 +48,7 @@ impl<'a> ExperimentContext<'a> {
     /// cannot be created.
     pub fn open(settings: ExperimentSettings, watcher: &'a dyn Watcher) -> Result<Self, String> {
         let ExperimentSettings { out, models, .. } = &settings;
-        fs::create_dir_all(out).map_err(|error| table::named(out, error))?;
+        fs::create_dir_all(out).map_err(|error| files::named(out, error))?;
         let files = match settings.fresh {
             true => Vec::new(),
             false => vec![models.join(BOUNDS), out.join(BOUNDS)],

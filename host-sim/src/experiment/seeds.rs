@@ -116,7 +116,7 @@ pub fn measure(
     let (policy, _) = HostPolicy::load(&choice, &scenario)?;
     let provenance = policy.provenance();
     let provenance =
-        provenance.ok_or_else(|| table::named(file, "does not say how it was trained"))?;
+        provenance.ok_or_else(|| files::named(file, "does not say how it was trained"))?;
     let [algorithm, preset] = training.learner.arguments();
     let digest = scenario.digest();
     let same_algorithm = provenance.algorithm.eq_ignore_ascii_case(algorithm);
@@ -124,7 +124,7 @@ pub fn measure(
         || !same_algorithm
         || provenance.seed != training.seed
     {
-        return Err(table::named(
+        return Err(files::named(
             file,
             format!(
                 "is of {} with seed {} on the scenario {}, and not {training}",
@@ -174,5 +174,5 @@ fn finished(run: &Path) -> bool {
 }
 
 fn read(file: &Path) -> Result<Vec<u8>, String> {
-    fs::read(file).map_err(|error| table::named(file, error))
+    fs::read(file).map_err(|error| files::named(file, error))
 }

@@ -1,13 +1,9 @@
 //! Reads and writes CSV files. A file is either written completely or not at all.
 
-use std::{fmt::Display, path::Path};
+use std::path::Path;
 
+use files::named;
 use serde::{Serialize, de::DeserializeOwned};
-
-/// Returns the problem with the name of the file before it.
-pub(crate) fn named(path: &Path, problem: impl Display) -> String {
-    format!("{}: {problem}", path.display())
-}
 
 /// Returns all rows of a file.
 ///

@@ -170,15 +170,15 @@ impl Trainings<'_> {
             .arg("--quiet")
             .stdin(Stdio::null())
             .output()
-            .map_err(|error| table::named(trainer, error))?;
+            .map_err(|error| files::named(trainer, error))?;
         if !output.status.success() {
             let complaint = String::from_utf8_lossy(&output.stderr);
             return Err(format!("training {training}: {}", complaint.trim_end()));
         }
         let policies = self.out.join(POLICIES);
-        fs::create_dir_all(&policies).map_err(|error| table::named(&policies, error))?;
+        fs::create_dir_all(&policies).map_err(|error| files::named(&policies, error))?;
         let made = run.join("policy.onnx");
-        let bytes = fs::read(&made).map_err(|error| table::named(&made, error))?;
+        let bytes = fs::read(&made).map_err(|error| files::named(&made, error))?;
         // Only a finished training has its policy here: the file is written at once, as the last
         // step.
         table::write_bytes(&policies.join(format!("{training}.onnx")), &bytes)
@@ -237,7 +237,7 @@ impl Trainings<'_> {
             .arg("--out")
             .arg(&made)
             .output()
-            .map_err(|error| table::named(trainer, error))?;
+            .map_err(|error| files::named(trainer, error))?;
         if !output.status.success() {
             let complaint = String::from_utf8_lossy(&output.stderr);
             return Err(format!("learning curves: {}", complaint.trim_end()));

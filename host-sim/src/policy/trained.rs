@@ -6,10 +6,8 @@ use std::{
     sync::LazyLock,
 };
 
-use files::input;
+use files::{input, named};
 use scenario::Scenario;
-
-use super::named;
 
 /// Embeds policies of `models/cells`: names and contents.
 macro_rules! cells {

@@ -5,7 +5,10 @@ use figures::{
     series::{Line, Look, Series},
 };
 
-use super::{ErrorKind, Group, Pilot, RobustnessRow};
+use super::{
+    error_kind::ErrorKind,
+    row::{Group, Pilot, RobustnessRow},
+};
 
 /// The size of a panel: three in a row, eight rows.
 const SIZE: [f64; 2] = [330.0, 180.0];

@@ -6,7 +6,10 @@ use planning::planner::{self, HostPlanner};
 use rayon::prelude::*;
 use scenario::{Events, Scenario};
 
-use super::{ErrorKind, Extent, Group, Pilot};
+use super::{
+    error_kind::ErrorKind,
+    row::{Extent, Group, Pilot},
+};
 use crate::{
     experiment::ideal_flight::{self, IdealFlightSettings},
     policy::{HostPolicy, PolicyChoice},

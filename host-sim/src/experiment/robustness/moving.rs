@@ -6,7 +6,11 @@ use rayon::prelude::*;
 use scenario::{Events, PerNode, Uncertainty};
 use serde::{Deserialize, Serialize};
 
-use super::{Extent, Group, Missions, PlannedMission, error_kind::walking};
+use super::{
+    error_kind::walking,
+    flights::{Missions, PlannedMission},
+    row::{Extent, Group},
+};
 use crate::{
     experiment::{
         Watcher,

@@ -2,7 +2,11 @@
 
 use std::{fmt::Write as _, path::Path};
 
-use super::{ErrorKind, Group, MOVING, MovingRow, NAME, OUTAGE, Pilot, RobustnessRow};
+use super::{
+    error_kind::ErrorKind,
+    moving::MovingRow,
+    row::{Group, MOVING, NAME, OUTAGE, Pilot, RobustnessRow},
+};
 use crate::experiment::table;
 
 /// Returns the section, with links to drawings that start with `figures`; nothing if it was not
