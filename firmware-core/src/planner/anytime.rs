@@ -65,9 +65,9 @@ pub struct PlannerState<'a, T: Scalar> {
 /// ```
 /// # use firmware_core::planner::Planner;
 /// # type Tables = (&'static mut [f32], &'static mut [u8]);
-/// # let about = |bytes: usize, size: usize| assert!(size.abs_diff(bytes) <= bytes / 20, "{size}");
-/// about(5_850, size_of::<Planner<f32, Tables, 16, 64>>());
-/// about(3_700, size_of::<Planner<f32, Tables, 4, 8>>());
+/// # let about = |bytes: usize, size: usize| assert!(size.abs_diff(bytes) <= bytes / 15, "{size}");
+/// about(5_500, size_of::<Planner<f32, Tables, 16, 64>>());
+/// about(3_650, size_of::<Planner<f32, Tables, 4, 8>>());
 /// ```
 #[derive(Clone, Debug)]
 pub struct Planner<T: Scalar, S, const M: usize, const J: usize> {

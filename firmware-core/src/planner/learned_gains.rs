@@ -6,6 +6,8 @@
 //! over all nodes, a mean `b` of `n` independent ones is planned with as `b max(0, 1 - s^2 / (n b^2))`,
 //! the positive part of the estimator of James and Stein. What a few slots show by chance is not
 //! planned with; a node that is always weaker than the model says is.
+//!
+//! Only in builds for a host, which have the feature `gain-map`: a board has no memory to spare.
 
 use crate::{
     channel::GroundNode,
@@ -37,8 +39,15 @@ struct Bias<T> {
 /// The biases of all nodes.
 #[derive(Clone, Debug)]
 pub(super) struct LearnedGains<T, const M: usize, const J: usize> {
+    #[cfg(feature = "gain-map")]
     users: [Bias<T>; M],
+    #[cfg(feature = "gain-map")]
     sensors: [Bias<T>; J],
+    // A board has no memory for them.
+    #[cfg(not(feature = "gain-map"))]
+    users: [Bias<T>; 0],
+    #[cfg(not(feature = "gain-map"))]
+    sensors: [Bias<T>; 0],
     /// The sum of the weights.
     weight: T,
     /// The weighted sum of the mean squares about the means.
@@ -52,8 +61,8 @@ impl<T: Scalar, const M: usize, const J: usize> LearnedGains<T, M, J> {
             factor: T::one(),
         };
         Self {
-            users: [none; M],
-            sensors: [none; J],
+            users: [none; _],
+            sensors: [none; _],
             weight: T::zero(),
             scatter: T::zero(),
         }
@@ -144,7 +153,7 @@ impl<T: Scalar, const M: usize, const J: usize> LearnedGains<T, M, J> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "gain-map"))]
 mod tests {
     use super::*;
     use crate::{scalar::Position, test_missions::table_one, units::PowerGain};
