@@ -17,7 +17,7 @@ use firmware_core::{
     policy::{
         Action, FixedPosition, MeasuredGains, Observation, PlanQuality, Policy, Provenance,
         StraightLine, format_version,
-        mlp::Mlp,
+        mlp::{self, Mlp},
         sets::{self, SetsNetwork, SetsPolicy, SetsWork},
     },
 };
@@ -224,19 +224,31 @@ impl HostPolicy {
             .extension()
             .is_some_and(|extension| extension == "onnx")
         {
-            Self::read_onnx(&file).map_err(|error| named(path, error))?
-        } else if format_version(&file) == Ok(sets::FORMAT_VERSION) {
-            let policy = Self::read_any_mission(file, scenario);
-            policy.map_err(|error| named(path, error))?
+            Self::read_onnx(&file)
         } else {
-            let policy = Mlp::load(file).map_err(|error| named(path, error))?;
-            Self::Mlp(Box::new(policy))
+            Self::read_policy(file, scenario)
         };
+        let policy = policy.map_err(|error| named(path, error))?;
         if let Some(provenance) = policy.provenance() {
             let fits = provenance.check(&scenario.mission);
             fits.map_err(|mismatch| named(path, mismatch))?;
         }
         Ok(policy)
+    }
+
+    fn read_policy(file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {
+        match format_version(&file).map_err(|error| error.to_string())? {
+            mlp::FORMAT_VERSION => {
+                let policy = Mlp::load(file).map_err(|error| error.to_string())?;
+                Ok(Self::Mlp(Box::new(policy)))
+            }
+            sets::FORMAT_VERSION => Self::read_any_mission(file, scenario),
+            other => Err(format!(
+                "format version is {other}, but this build reads {} and {}",
+                mlp::FORMAT_VERSION,
+                sets::FORMAT_VERSION
+            )),
+        }
     }
 
     fn read_any_mission(file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {

@@ -15,7 +15,6 @@ use firmware_core::{
             Architecture, Precision, SetsHeader, SetsObservation, SetsProvenance, SetsWork, write,
         },
     },
-    shield::Agility,
 };
 use program::{json, number, refusal, text};
 use scenario::Scenario;
@@ -29,14 +28,7 @@ fn untrained(folder: &Path) -> PathBuf {
         layers: 1,
     };
     let mission = Scenario::shipped("separated").expect("shipped").mission;
-    let observation = Observation {
-        slot: 1,
-        counts: &[],
-        rate: 0.0,
-        mse: 0.0,
-        position: mission.parameters().start,
-        agility: Agility::ideal(&mission),
-    };
+    let observation = Observation::at_start(&mission);
     let test = SetsObservation::new(&mission, &observation, &mut Workspace::default());
     let provenance = SetsProvenance {
         algorithm: "none".try_into().expect("short"),
@@ -94,9 +86,9 @@ fn one_file_flies_every_map() {
     }
 }
 
-/// A damaged file is refused in one line that names it.
+/// A damaged file, and one of a version to come, are refused in one line that names the file.
 #[test]
-fn a_damaged_file_is_refused() {
+fn files_that_cannot_fly_are_refused() {
     let folder = tempdir().expect("a folder");
     let policy = untrained(folder.path());
     let mut bytes = fs::read(&policy).expect("written");
@@ -106,4 +98,8 @@ fn a_damaged_file_is_refused() {
     fs::write(&policy, bytes).expect("written");
     let refused = refusal(&["run", "--policy", text(&policy)]);
     assert!(refused.contains("any.policy: checksum is"), "{refused}");
+    fs::write(&policy, b"UAVP\x03\0\0\0\0\0").expect("written");
+    let refused = refusal(&["run", "--policy", text(&policy)]);
+    let expected = "any.policy: format version is 3, but this build reads 1 and 2";
+    assert!(refused.contains(expected), "{refused}");
 }

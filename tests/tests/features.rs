@@ -7,11 +7,12 @@ use end_to_end::repository;
 
 /// Combinations that differ: `planner` and `link` include `policy`, and the modules `onboard` and
 /// `console` appear where several features meet. `onnx` is built by the other crates.
-const COMBINATIONS: [&str; 14] = [
+const COMBINATIONS: [&str; 15] = [
     "",
     "policy",
     "gain-map",
     "planner",
+    "learned-gains",
     "link",
     "planner link",
     "autopilot",
@@ -19,7 +20,7 @@ const COMBINATIONS: [&str; 14] = [
     "autopilot planner",
     "autopilot link",
     "autopilot planner link",
-    "autopilot planner link gain-map",
+    "autopilot planner link gain-map learned-gains",
     "defmt embassy-time",
     "autopilot planner link defmt embassy-time",
 ];

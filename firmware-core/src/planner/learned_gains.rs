@@ -7,7 +7,7 @@
 //! the positive part of the estimator of James and Stein. What a few slots show by chance is not
 //! planned with; a node that is always weaker than the model says is.
 //!
-//! Only in builds for a host, which have the feature `gain-map`: a board has no memory to spare.
+//! Only with the feature `learned-gains`, which builds for a host have: without it no bias is kept.
 
 use crate::{
     channel::GroundNode,
@@ -39,14 +39,13 @@ struct Bias<T> {
 /// The biases of all nodes.
 #[derive(Clone, Debug)]
 pub(super) struct LearnedGains<T, const M: usize, const J: usize> {
-    #[cfg(feature = "gain-map")]
+    #[cfg(feature = "learned-gains")]
     users: [Bias<T>; M],
-    #[cfg(feature = "gain-map")]
+    #[cfg(feature = "learned-gains")]
     sensors: [Bias<T>; J],
-    // A board has no memory for them.
-    #[cfg(not(feature = "gain-map"))]
+    #[cfg(not(feature = "learned-gains"))]
     users: [Bias<T>; 0],
-    #[cfg(not(feature = "gain-map"))]
+    #[cfg(not(feature = "learned-gains"))]
     sensors: [Bias<T>; 0],
     /// The sum of the weights.
     weight: T,
@@ -153,7 +152,7 @@ impl<T: Scalar, const M: usize, const J: usize> LearnedGains<T, M, J> {
     }
 }
 
-#[cfg(all(test, feature = "gain-map"))]
+#[cfg(all(test, feature = "learned-gains"))]
 mod tests {
     use super::*;
     use crate::{scalar::Position, test_missions::table_one, units::PowerGain};

@@ -5,7 +5,7 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    mission::MissionChange,
+    mission::{Mission, MissionChange},
     scalar::{Displacement, Position, Scalar},
     shield::Agility,
     units::PowerGain,
@@ -47,6 +47,18 @@ pub struct Observation<'a, T: Scalar> {
 }
 
 impl<'a, T: Scalar> Observation<'a, T> {
+    /// Returns the observation before slot 1 of a mission, with an ideal vehicle at its start.
+    pub fn at_start<const M: usize, const J: usize>(mission: &Mission<T, M, J>) -> Self {
+        Self {
+            slot: 1,
+            counts: &[],
+            rate: T::zero(),
+            mse: T::zero(),
+            position: mission.parameters().start,
+            agility: Agility::ideal(mission),
+        }
+    }
+
     /// Returns the observation of a mission with the first `users` users only, for a policy that was
     /// made for so many: others may have joined.
     pub fn of_first_users(&self, users: usize) -> Self {

@@ -49,8 +49,8 @@ pub struct Demonstration {
     pub examples: Vec<Example>,
 }
 
-/// Returns the seed of a run's mission. The benchmark's and the held-out missions have seeds below
-/// 2^32.
+/// Returns the seed of a run's mission, for run seeds below 2^32 - 1 ([`ImitationSettings::check`])
+/// and fewer than 2^32 missions. The benchmark's and the held-out missions have seeds below 2^32.
 pub fn mission_seed(run_seed: u64, index: u64) -> u64 {
     (run_seed.wrapping_add(1) << 32).wrapping_add(index)
 }

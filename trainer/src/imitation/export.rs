@@ -9,7 +9,6 @@ use firmware_core::{
             Architecture, Precision, SetsHeader, SetsObservation, SetsProvenance, SetsWork, write,
         },
     },
-    shield::Agility,
 };
 use scenario::random;
 
@@ -51,14 +50,7 @@ impl TrainedNetwork {
 fn test_observation() -> anyhow::Result<SetsObservation> {
     let scenario = random(FIRST_SEED, None).map_err(|error| anyhow!(error))?;
     let mission = scenario.mission;
-    let observation = Observation {
-        slot: 1,
-        counts: &[],
-        rate: 0.0,
-        mse: 0.0,
-        position: mission.parameters().start,
-        agility: Agility::ideal(&mission),
-    };
+    let observation = Observation::at_start(&mission);
     Ok(SetsObservation::new(
         &mission,
         &observation,

@@ -4,6 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::nn::sets::Architecture;
 
+/// Seeds of runs are below this number: their missions have seeds of their own, apart from those of
+/// the benchmark (`demonstration::mission_seed`).
+const SEED_LIMIT: u64 = u32::MAX as u64;
+
 /// All settings of an imitation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -90,11 +94,19 @@ impl ImitationSettings {
     /// Names the setting that is out of its range.
     pub fn check(&self) -> Result<(), String> {
         let Architecture { width, hidden, .. } = self.architecture;
+        if (self.steps > 0) == (self.minutes > 0.0) {
+            return Err(format!(
+                "steps is {} and minutes is {}, but one of them must be above 0 and the other 0",
+                self.steps, self.minutes
+            ));
+        }
+        if self.seed >= SEED_LIMIT {
+            return Err(format!(
+                "seed is {}, but must be below {SEED_LIMIT}",
+                self.seed
+            ));
+        }
         let checks = [
-            (
-                (self.steps > 0) != (self.minutes > 0.0),
-                "steps or minutes must be above 0, and not both",
-            ),
             (self.batch > 0, "batch must be above 0"),
             (
                 self.learning_rate > 0.0 && self.learning_rate.is_finite(),
