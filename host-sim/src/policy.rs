@@ -10,7 +10,7 @@ use std::{
 };
 
 #[cfg(feature = "onnx")]
-use firmware_core::policy::onnx::OnnxPolicy;
+use firmware_core::policy::onnx::{OnnxNetwork, OnnxPolicy, SetsOnnx};
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
     mission::MissionChange,
@@ -18,7 +18,10 @@ use firmware_core::{
         Action, FixedPosition, MeasuredGains, Observation, PlanQuality, Policy, Provenance,
         StraightLine, format_version,
         mlp::{self, Mlp},
-        sets::{self, SetsNetwork, SetsPolicy, SetsWork},
+        sets::{
+            self, EvaluateSets, NetworkWithWork, SetsNetwork, SetsObservation, SetsOutput,
+            SetsPolicy, SetsWork,
+        },
     },
 };
 
@@ -115,8 +118,28 @@ impl fmt::Display for PolicyChoice {
     }
 }
 
+/// A trained network for any mission.
+#[derive(Debug)]
+pub enum AnyMissionNetwork {
+    /// A `.policy` file, evaluated by the same code as on the microcontroller.
+    File(NetworkWithWork<Vec<u8>, Box<SetsWork>>),
+    /// An `.onnx` file, evaluated by tract.
+    #[cfg(feature = "onnx")]
+    Onnx(SetsOnnx),
+}
+
+impl EvaluateSets for AnyMissionNetwork {
+    fn evaluate(&mut self, observation: &SetsObservation) -> Option<SetsOutput> {
+        match self {
+            Self::File(network) => network.evaluate(observation),
+            #[cfg(feature = "onnx")]
+            Self::Onnx(network) => network.evaluate(observation),
+        }
+    }
+}
+
 /// A trained policy for any mission on the host.
-pub type AnyMissionPolicy = SetsPolicy<f64, Vec<u8>, Box<SetsWork>, { USERS_MAX }, { SENSORS_MAX }>;
+pub type AnyMissionPolicy = SetsPolicy<f64, AnyMissionNetwork, USERS_MAX, SENSORS_MAX>;
 
 /// A policy of any kind that has been loaded for a mission.
 #[derive(Debug)]
@@ -131,7 +154,7 @@ pub enum HostPolicy {
     Plan(Box<HostPlanner>),
     /// A `.policy` file, evaluated by the same code as on the microcontroller.
     Mlp(Box<Mlp<Vec<u8>>>),
-    /// A `.policy` file for any mission, likewise.
+    /// A `.policy` or `.onnx` file for any mission.
     AnyMission(Box<AnyMissionPolicy>),
     /// An `.onnx` file, evaluated by tract.
     #[cfg(feature = "onnx")]
@@ -224,7 +247,7 @@ impl HostPolicy {
             .extension()
             .is_some_and(|extension| extension == "onnx")
         {
-            Self::read_onnx(&file)
+            Self::read_onnx(&file, scenario)
         } else {
             Self::read_policy(file, scenario)
         };
@@ -242,7 +265,13 @@ impl HostPolicy {
                 let policy = Mlp::load(file).map_err(|error| error.to_string())?;
                 Ok(Self::Mlp(Box::new(policy)))
             }
-            sets::FORMAT_VERSION => Self::read_any_mission(file, scenario),
+            sets::FORMAT_VERSION => {
+                let mut work = Box::<SetsWork>::default();
+                let network =
+                    SetsNetwork::load(file, &mut work).map_err(|error| error.to_string())?;
+                let network = AnyMissionNetwork::File(NetworkWithWork { network, work });
+                Self::for_any_mission(network, scenario)
+            }
             other => Err(format!(
                 "format version is {other}, but this build reads {} and {}",
                 mlp::FORMAT_VERSION,
@@ -251,22 +280,24 @@ impl HostPolicy {
         }
     }
 
-    fn read_any_mission(file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {
-        let mut work = Box::<SetsWork>::default();
-        let network = SetsNetwork::load(file, &mut work).map_err(|error| error.to_string())?;
-        let policy = SetsPolicy::new(network, &scenario.mission, work);
+    fn for_any_mission(network: AnyMissionNetwork, scenario: &Scenario) -> Result<Self, String> {
+        let policy = SetsPolicy::new(network, &scenario.mission);
         let policy = policy.map_err(|mismatch| mismatch.to_string())?;
         Ok(Self::AnyMission(Box::new(policy)))
     }
 
     #[cfg(feature = "onnx")]
-    fn read_onnx(file: &[u8]) -> Result<Self, String> {
-        let policy = OnnxPolicy::load(file).map_err(|error| error.to_string())?;
-        Ok(Self::Onnx(Box::new(policy)))
+    fn read_onnx(file: &[u8], scenario: &Scenario) -> Result<Self, String> {
+        match OnnxNetwork::load(file).map_err(|error| error.to_string())? {
+            OnnxNetwork::OneMission(policy) => Ok(Self::Onnx(Box::new(policy))),
+            OnnxNetwork::AnyMission(network) => {
+                Self::for_any_mission(AnyMissionNetwork::Onnx(network), scenario)
+            }
+        }
     }
 
     #[cfg(not(feature = "onnx"))]
-    fn read_onnx(_: &[u8]) -> Result<Self, String> {
+    fn read_onnx(_: &[u8], _: &Scenario) -> Result<Self, String> {
         Err(
             "this build does not support .onnx files (feature onnx); `trainer convert F.onnx \
              F.policy` converts the file to a format that it supports"

@@ -18,7 +18,7 @@ use firmware_core::{
     policy::{
         Observation, Policy,
         sets::{
-            Architecture, Precision, SetsHeader, SetsNetwork, SetsObservation, SetsPolicy,
+            Architecture, NetworkWithWork, Precision, SetsHeader, SetsNetwork, SetsObservation, SetsPolicy,
             SetsProvenance, SetsWork, write,
         },
     },
@@ -99,7 +99,7 @@ fn measure(board: &Mps2) {
     let file: &'static [u8] = &memory[..length];
     hprintln!("{{\"file_bytes\":{}}}", length);
     let network = SetsNetwork::load(file, work).expect("sound");
-    let mut policy = SetsPolicy::new(network, &mission, work).expect("fits");
+    let mut policy = SetsPolicy::new(NetworkWithWork { network, work }, &mission).expect("fits");
     let mut noise = Noise(7);
     part(board, "observation for any mission", || {
         let seen = observe(20, noise.place());

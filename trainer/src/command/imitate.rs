@@ -6,8 +6,9 @@ use anyhow::ensure;
 use clap::Args;
 use trainer::{
     imitation::{
-        run::{Imitation, Threads, TrainedNetwork},
+        run::{Imitation, Threads},
         settings::ImitationSettings,
+        trained::TrainedNetwork,
     },
     run::CHECKPOINT,
 };

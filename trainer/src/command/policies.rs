@@ -24,7 +24,7 @@ use serde::Serialize;
 use trainer::{
     checkpoint,
     evaluate::{Flight, fly},
-    imitation::run::TrainedNetwork,
+    imitation::{run::is_imitation, trained::TrainedNetwork},
     onnx,
 };
 
@@ -40,8 +40,8 @@ pub(crate) struct Export {
     /// The .policy file to write, of a run with --missions random
     #[arg(long, value_name = "FILE", conflicts_with = "onnx")]
     policy: Option<PathBuf>,
-    /// With --policy: write weights of 32 instead of 16 bits
-    #[arg(long, requires = "policy")]
+    /// Of a run with --missions random: write weights of 32 instead of 16 bits
+    #[arg(long)]
     single: bool,
     /// Write the latest policy instead of the best one
     #[arg(long)]
@@ -50,14 +50,8 @@ pub(crate) struct Export {
 
 impl Export {
     pub(crate) fn execute(self) -> Outcome {
-        if let Some(path) = &self.policy {
-            let precision = match self.single {
-                true => Precision::Single,
-                false => Precision::Half,
-            };
-            let network = TrainedNetwork::read(&self.checkpoint, self.latest);
-            let file = network.and_then(|network| network.to_policy_file(precision));
-            return write(path, &file.map_err(Failure::BadInput)?);
+        if self.policy.is_some() || is_imitation(&self.checkpoint) {
+            return self.export_for_any_mission();
         }
         let Some(onnx) = &self.onnx else {
             return Ok(());
@@ -66,6 +60,24 @@ impl Export {
         let best = progress.best.filter(|_| !self.latest);
         let actor = best.map_or(progress.latest, |best| best.actor);
         write(onnx, &onnx::write(&actor))
+    }
+
+    fn export_for_any_mission(&self) -> Outcome {
+        let precision = match self.single {
+            true => Precision::Single,
+            false => Precision::Half,
+        };
+        let network = TrainedNetwork::read(&self.checkpoint, self.latest);
+        let network = network.map_err(Failure::BadInput)?;
+        if let Some(path) = &self.policy {
+            let file = network.to_policy_file(precision);
+            return write(path, &file.map_err(Failure::BadInput)?);
+        }
+        let Some(path) = &self.onnx else {
+            return Ok(());
+        };
+        let file = onnx::sets::write(&network, precision);
+        write(path, &file.map_err(Failure::BadInput)?)
     }
 }
 
@@ -79,11 +91,22 @@ pub(crate) struct Convert {
 
 impl Convert {
     pub(crate) fn execute(self) -> Outcome {
-        let actor = onnx::read::read(&self.onnx).map_err(Failure::BadInput)?;
-        let file = actor.to_policy_file().map_err(Failure::BadInput)?;
-        // A file that the vehicle would reject is not written.
-        Mlp::load(&file[..]).map_err(|error| Failure::BadInput(error.into()))?;
+        let file = self.converted().map_err(Failure::BadInput)?;
         write(&self.policy, &file)
+    }
+
+    fn converted(&self) -> anyhow::Result<Vec<u8>> {
+        let name = || self.onnx.display().to_string();
+        let bytes = input::read(&self.onnx).with_context(name)?;
+        if onnx::sets::is_for_any_mission(&bytes) {
+            let (network, precision) = onnx::sets::parse(&bytes).with_context(name)?;
+            return network.to_policy_file(precision);
+        }
+        let actor = onnx::read::parse(&bytes).with_context(name)?;
+        let file = actor.to_policy_file()?;
+        // A file that the vehicle would reject is not written.
+        Mlp::load(&file[..])?;
+        Ok(file)
     }
 }
 

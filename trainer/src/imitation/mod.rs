@@ -15,13 +15,12 @@
 //! | [`loss`] | the loss |
 //! | [`policy`] | the network as a policy that flies |
 //! | [`held_out`] | evaluation on missions that are not learned from |
-//! | [`export`] | the `.policy` file |
+//! | [`trained`] | a trained network with its origin, and its `.policy` file |
 //! | [`run`] | a run: start, resume, train, evaluate, save |
 
 pub mod demonstration;
 pub mod demonstrations;
 pub mod encoder;
-pub mod export;
 pub mod held_out;
 pub mod loss;
 pub mod policy;
@@ -31,3 +30,4 @@ pub mod settings;
 pub mod symmetry;
 #[cfg(test)]
 mod tests;
+pub mod trained;

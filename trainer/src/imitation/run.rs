@@ -35,7 +35,7 @@ use crate::{
     tensorboard::EventWriter,
 };
 
-pub use self::saved::{TrainedNetwork, is_imitation};
+pub use self::saved::is_imitation;
 
 /// The number of demonstrations that are asked for ahead of their use.
 const AHEAD: usize = 8;

@@ -93,7 +93,7 @@ impl ImitationSettings {
     /// # Errors
     /// Names the setting that is out of its range.
     pub fn check(&self) -> Result<(), String> {
-        let Architecture { width, hidden, .. } = self.architecture;
+        self.architecture.check()?;
         if (self.steps > 0) == (self.minutes > 0.0) {
             return Err(format!(
                 "steps is {} and minutes is {}, but one of them must be above 0 and the other 0",
@@ -119,14 +119,6 @@ impl ImitationSettings {
             ),
             (self.evaluate_every > 0, "evaluate_every must be above 0"),
             (self.report_every > 0, "report_every must be above 0"),
-            (
-                [32, 64, 96, 128].contains(&width),
-                "architecture.width must be 32, 64, 96 or 128",
-            ),
-            (
-                hidden > 0 && hidden % 16 == 0,
-                "architecture.hidden must be a multiple of 16",
-            ),
         ];
         let wrong = checks.into_iter().find(|(holds, _)| !holds);
         wrong.map_or(Ok(()), |(_, message)| Err(message.to_owned()))

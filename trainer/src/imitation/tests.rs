@@ -4,7 +4,7 @@ use firmware_core::{
     inner::Workspace,
     policy::{
         Observation, Policy,
-        sets::{Precision, SetsNetwork, SetsObservation, SetsWork},
+        sets::{Precision, SetsNetwork, SetsObservation, SetsProvenance, SetsWork},
     },
     shield::{Agility, Fairness},
 };
@@ -17,10 +17,11 @@ use super::{
     encoder::{Encoder, FEATURES},
     loss,
     policy::SetPolicy,
-    run::{Imitation, Threads, TrainedNetwork},
+    run::{Imitation, Threads},
     sample::{Labels, Sample},
     settings::ImitationSettings,
     symmetry::Symmetry,
+    trained::TrainedNetwork,
 };
 use crate::nn::sets::{
     Activations, Architecture, SetBatch, SetNetwork,
@@ -231,8 +232,12 @@ fn the_exported_network_computes_the_same() {
     let trained = TrainedNetwork {
         architecture,
         parameters: parameters.clone(),
-        missions: 1,
-        seed: 3,
+        provenance: SetsProvenance {
+            algorithm: "none".try_into().expect("short"),
+            missions: "none".try_into().expect("short"),
+            episodes: 1,
+            seed: 3,
+        },
     };
     let mut learning = network;
     learning.import(&parameters).expect("its own length");

@@ -12,9 +12,11 @@
 
 mod contract;
 mod folded;
+mod graph;
 mod metadata;
 mod proto;
 pub mod read;
+pub mod sets;
 mod tensor;
 mod write;
 

@@ -74,12 +74,16 @@ pub(crate) struct Attribute {
     pub(crate) i: i64,
     #[prost(message, optional, tag = "5")]
     pub(crate) t: Option<TensorProto>,
+    #[prost(int64, repeated, packed = "false", tag = "8")]
+    pub(crate) ints: Vec<i64>,
     #[prost(int32, tag = "20")]
     pub(crate) kind: i32,
 }
 
 /// `INT` of `AttributeProto.AttributeType`.
 pub(crate) const ATTRIBUTE_INT: i32 = 2;
+/// `INTS` of `AttributeProto.AttributeType`.
+pub(crate) const ATTRIBUTE_INTS: i32 = 7;
 
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct TensorProto {
@@ -101,6 +105,8 @@ pub(crate) struct TensorProto {
 pub(crate) const FLOAT: i32 = 1;
 /// `TensorProto.DataType`.
 pub(crate) const INT64: i32 = 7;
+/// `TensorProto.DataType`.
+pub(crate) const FLOAT16: i32 = 10;
 
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct ValueInfo {

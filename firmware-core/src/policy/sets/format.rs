@@ -13,7 +13,7 @@ use super::{
     observation::SetsObservation,
     panel::Weight,
 };
-use crate::policy::container::{self, Deviation, PREAMBLE};
+use crate::policy::container::{self, PREAMBLE};
 
 /// The format version that this module reads and writes.
 pub const FORMAT_VERSION: u16 = 2;
@@ -164,18 +164,7 @@ impl SetsHeader {
             return Err(SetsLoadError::NotFinite { what, index });
         }
         let [user_count, sensor_count] = self.test_counts();
-        let mut observation = SetsObservation {
-            user_count,
-            sensor_count,
-            ..SetsObservation::default()
-        };
-        let users = observation.users.iter_mut().take(user_count).flatten();
-        let sensors = observation.sensors.iter_mut().take(sensor_count).flatten();
-        let columns = observation.mission.iter_mut().chain(users).chain(sensors);
-        // Number by number: a column that is left over takes none.
-        for column in columns {
-            *column = numbers.next().unwrap_or(0.0);
-        }
+        let observation = SetsObservation::of_columns([user_count, sensor_count], &mut numbers);
         let outputs = 4 * (2 + user_count);
         let expected = test
             .len()
@@ -207,25 +196,8 @@ pub(super) fn read(file: &[u8], work: &mut SetsWork) -> Result<(SetsHeader, usiz
     header.check_weights(weights)?;
     let (observation, expected) = header.test_vector(test)?;
     let output = header.evaluate(weights, &observation, work).ok_or(length)?;
-    let expected = container::floats(expected);
-    match container::deviation(numbers_of(&output), expected, observation.reach_m()) {
-        None => Ok((header, file.len() - numbers.len())),
-        Some(Deviation {
-            index,
-            got,
-            expected,
-        }) => Err(SetsLoadError::SelfTest {
-            index,
-            got,
-            expected,
-        }),
-    }
-}
-
-/// Returns displacement and scores.
-fn numbers_of(output: &SetsOutput) -> impl Iterator<Item = f32> + Clone {
-    let displacement = output.displacement_m.into_iter();
-    displacement.chain(output.user_scores)
+    output.check(&observation, container::floats(expected))?;
+    Ok((header, file.len() - numbers.len()))
 }
 
 /// Writes a policy file into `file` and returns its length. The weights are in the order of the
@@ -276,7 +248,7 @@ pub fn write(
     let output = header.evaluate(stored, test, work).ok_or(length)?;
     let columns = test.mission.iter().chain(test.user_rows().iter().flatten());
     let columns = columns.chain(test.sensor_rows().iter().flatten()).copied();
-    let outputs = numbers_of(&output).take(2 + test.user_rows().len());
+    let outputs = output.numbers().take(2 + test.user_rows().len());
     let vector = rest.get_mut(..header.test_bytes()).ok_or(too_long)?;
     let (words, _) = vector.as_chunks_mut::<4>();
     for (bytes, number) in words.iter_mut().zip(columns.chain(outputs)) {

@@ -8,12 +8,12 @@ const EXPONENT: u16 = 0x7c00;
 const REBIAS: f32 = f32::from_bits((127 + 112) << 23);
 
 /// Returns whether the bits are those of a finite number.
-pub(super) fn is_finite(bits: u16) -> bool {
+pub fn is_finite(bits: u16) -> bool {
     bits & EXPONENT != EXPONENT
 }
 
 /// Returns a number, which must be [finite](is_finite), in single precision. This is exact.
-pub(super) fn to_single(bits: u16) -> f32 {
+pub fn to_single(bits: u16) -> f32 {
     // Sign and magnitude at their places in single precision, where the exponent has another bias.
     let wide = i32::from(bits.cast_signed()).cast_unsigned() << 13;
     f32::from_bits(wide & 0x8fff_e000) * REBIAS
@@ -21,7 +21,7 @@ pub(super) fn to_single(bits: u16) -> f32 {
 
 /// Returns the nearest number in half precision, of two equally near ones the even one. From 65520
 /// on this is infinite.
-pub(super) fn from_single(x: f32) -> u16 {
+pub fn from_single(x: f32) -> u16 {
     let sign = ((x.to_bits() >> 16) & 0x8000) as u16;
     let magnitude = x.abs();
     let bits = magnitude.to_bits();

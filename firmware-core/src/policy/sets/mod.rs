@@ -53,7 +53,7 @@ mod columns;
 mod error;
 pub mod features;
 mod format;
-mod half;
+pub mod half;
 mod network;
 mod observation;
 mod panel;
@@ -68,7 +68,7 @@ pub use error::{SetsLoadError, SetsWriteError};
 pub use format::{FORMAT_VERSION, Precision, SetsHeader, SetsProvenance, write};
 pub use network::{SetsOutput, SetsWork};
 pub use observation::SetsObservation;
-pub use policy::{SetsMismatch, SetsNetwork, SetsPolicy};
+pub use policy::{EvaluateSets, NetworkWithWork, SetsMismatch, SetsNetwork, SetsPolicy};
 
 #[cfg(test)]
 mod tests;

@@ -5,6 +5,7 @@ use super::{
     architecture::{Architecture, HIDDEN_MAX, WIDTH_MAX},
     attention::{PANELS, attend},
     columns::{SENSORS, USERS},
+    error::SetsLoadError,
     features::{
         MISSION_FEATURES, SENSOR_FEATURES, USER_FEATURES, mission_features, sensor_features,
         user_features,
@@ -12,6 +13,7 @@ use super::{
     observation::SetsObservation,
     panel::{LANES, Lanes, Weight, Weights, add, normalize, read_lane, sigmoid, silu, write_lane},
 };
+use crate::policy::container::{self, Deviation};
 
 /// The factor of the second output per user before its softmax.
 const PULL_FACTOR: f32 = 3.0;
@@ -23,6 +25,37 @@ pub struct SetsOutput {
     pub displacement_m: [f32; 2],
     /// A score per row of the observation's users; 0 beyond them.
     pub user_scores: [f32; USERS],
+}
+
+impl SetsOutput {
+    /// Returns the displacement and the scores.
+    pub(super) fn numbers(&self) -> impl Iterator<Item = f32> + Clone {
+        self.displacement_m.into_iter().chain(self.user_scores)
+    }
+
+    /// Compares the output for an observation with the numbers that a file expects: the displacement,
+    /// metres, and a score per user.
+    ///
+    /// # Errors
+    /// Returns the first number that differs by more than rounding.
+    pub fn check(
+        &self,
+        observation: &SetsObservation,
+        expected: impl Iterator<Item = f32> + Clone,
+    ) -> Result<(), SetsLoadError> {
+        match container::deviation(self.numbers(), expected, observation.reach_m()) {
+            None => Ok(()),
+            Some(Deviation {
+                index,
+                got,
+                expected,
+            }) => Err(SetsLoadError::SelfTest {
+                index,
+                got,
+                expected,
+            }),
+        }
+    }
 }
 
 /// The memory for evaluating a network of any admissible architecture: 30,720 bytes.

@@ -89,6 +89,26 @@ impl SetsObservation {
         sets
     }
 
+    /// Returns an observation of so many users and sensors from its columns: those of the mission,
+    /// then those of each user and of each sensor. Missing numbers are 0.
+    pub fn of_columns(
+        [user_count, sensor_count]: [usize; 2],
+        mut numbers: impl Iterator<Item = f32>,
+    ) -> Self {
+        let mut sets = Self {
+            user_count: user_count.min(USERS),
+            sensor_count: sensor_count.min(SENSORS),
+            ..Self::default()
+        };
+        let users = sets.users.iter_mut().take(user_count).flatten();
+        let sensors = sets.sensors.iter_mut().take(sensor_count).flatten();
+        // Number by number: a column that is left over takes none.
+        for column in sets.mission.iter_mut().chain(users).chain(sensors) {
+            *column = numbers.next().unwrap_or(0.0);
+        }
+        sets
+    }
+
     /// Returns the reach, metres.
     pub(super) fn reach_m(&self) -> f32 {
         let [_, _, _, _, _, _, _, reach_m, ..] = self.mission;

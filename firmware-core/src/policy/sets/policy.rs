@@ -89,29 +89,44 @@ pub struct SetsMismatch {
     pub most: usize,
 }
 
-/// A network as a [`Policy`]: with the mission, which it observes, and the memory for evaluating it,
-/// `W`: a [`SetsWork`], or a box or mutable reference of one.
-#[derive(Clone, Debug)]
-pub struct SetsPolicy<T: Scalar, B, W, const M: usize, const J: usize> {
-    network: SetsNetwork<B>,
-    mission: Mission<T, M, J>,
-    workspace: Workspace<T, J>,
-    work: W,
+/// A network that is ready to evaluate observations.
+pub trait EvaluateSets {
+    /// Evaluates the network. `None` means that it cannot be evaluated, which the controller reports
+    /// as a broken policy.
+    fn evaluate(&mut self, observation: &SetsObservation) -> Option<SetsOutput>;
 }
 
-impl<T: Scalar, B: AsRef<[u8]>, W: AsMut<SetsWork>, const M: usize, const J: usize>
-    SetsPolicy<T, B, W, M, J>
-{
+/// A [`SetsNetwork`] with the memory for evaluating it, `W`: a [`SetsWork`], or a box or mutable
+/// reference of one.
+#[derive(Clone, Debug)]
+pub struct NetworkWithWork<B, W> {
+    /// The network.
+    pub network: SetsNetwork<B>,
+    /// The memory.
+    pub work: W,
+}
+
+impl<B: AsRef<[u8]>, W: AsMut<SetsWork>> EvaluateSets for NetworkWithWork<B, W> {
+    fn evaluate(&mut self, observation: &SetsObservation) -> Option<SetsOutput> {
+        self.network.evaluate(observation, self.work.as_mut())
+    }
+}
+
+/// A network `N` as a [`Policy`]: with the mission, which it observes.
+#[derive(Clone, Debug)]
+pub struct SetsPolicy<T: Scalar, N, const M: usize, const J: usize> {
+    network: N,
+    mission: Mission<T, M, J>,
+    workspace: Workspace<T, J>,
+}
+
+impl<T: Scalar, N: EvaluateSets, const M: usize, const J: usize> SetsPolicy<T, N, M, J> {
     /// Creates the policy for a mission. It fits any mission that does not have too many users or
     /// sensors.
     ///
     /// # Errors
     /// Returns an error if the mission has more users or sensors than are observed.
-    pub fn new(
-        network: SetsNetwork<B>,
-        mission: &Mission<T, M, J>,
-        work: W,
-    ) -> Result<Self, SetsMismatch> {
+    pub fn new(network: N, mission: &Mission<T, M, J>) -> Result<Self, SetsMismatch> {
         for (what, got, most) in [
             ("users", mission.users().count(), USERS),
             ("sensors", mission.sensors().count(), SENSORS),
@@ -124,12 +139,11 @@ impl<T: Scalar, B: AsRef<[u8]>, W: AsMut<SetsWork>, const M: usize, const J: usi
             network,
             mission: mission.clone(),
             workspace: Workspace::default(),
-            work,
         })
     }
 
     /// Returns the network.
-    pub fn network(&self) -> &SetsNetwork<B> {
+    pub fn network(&self) -> &N {
         &self.network
     }
 
@@ -139,12 +153,12 @@ impl<T: Scalar, B: AsRef<[u8]>, W: AsMut<SetsWork>, const M: usize, const J: usi
     }
 }
 
-impl<T: Scalar, B: AsRef<[u8]>, W: AsMut<SetsWork>, const M: usize, const J: usize> Policy<T, M>
-    for SetsPolicy<T, B, W, M, J>
+impl<T: Scalar, N: EvaluateSets, const M: usize, const J: usize> Policy<T, M>
+    for SetsPolicy<T, N, M, J>
 {
     fn decide(&mut self, observation: &Observation<'_, T>) -> Action<T, M> {
         let sets = SetsObservation::new(&self.mission, observation, &mut self.workspace);
-        let Some(output) = self.network.evaluate(&sets, self.work.as_mut()) else {
+        let Some(output) = self.network.evaluate(&sets) else {
             // This action is not sound, and the controller reports it as broken.
             return Action {
                 displacement: Displacement::repeat(T::of(f64::NAN)),

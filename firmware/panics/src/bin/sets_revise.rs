@@ -7,7 +7,7 @@ use firmware_core::{
     mission::MissionChange,
     policy::{
         Policy,
-        sets::{SetsMismatch, SetsWork},
+        sets::{NetworkWithWork, SetsMismatch, SetsWork},
     },
 };
 use panics::{AnyMission, AnyNetwork};
@@ -20,7 +20,7 @@ pub fn entry(
     change: &MissionChange<f32>,
     slots_begun: u32,
 ) -> Result<AnyMission, SetsMismatch> {
-    let mut policy = AnyMission::new(network, mission, work)?;
+    let mut policy = AnyMission::new(NetworkWithWork { network, work }, mission)?;
     policy.revise(change, slots_begun);
     Ok(policy)
 }

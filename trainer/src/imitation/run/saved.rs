@@ -3,14 +3,15 @@
 use std::path::Path;
 
 use anyhow::Context;
+use firmware_core::policy::sets::SetsProvenance;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use crate::{
     checkpoint::{read_checked, write_checked},
-    imitation::{demonstration::Example, settings::ImitationSettings},
+    imitation::{demonstration::Example, settings::ImitationSettings, trained::TrainedNetwork},
     metrics::MetricsRow,
-    nn::{Adam, sets::Architecture},
+    nn::Adam,
 };
 
 const MAGIC: [u8; 4] = *b"UAVI";
@@ -65,19 +66,6 @@ pub fn is_imitation(path: &Path) -> bool {
     std::fs::read(path).is_ok_and(|bytes| bytes.starts_with(&MAGIC))
 }
 
-/// A network of a run, with its origin.
-#[derive(Clone, Debug)]
-pub struct TrainedNetwork {
-    /// Its sizes.
-    pub architecture: Architecture,
-    /// Its parameters, in the order of the file.
-    pub parameters: Vec<f32>,
-    /// The number of missions that the run had learned from when it was saved.
-    pub missions: u32,
-    /// The seed of the run.
-    pub seed: u64,
-}
-
 impl TrainedNetwork {
     /// Reads the best network of a checkpoint, or the latest one if none has been evaluated or
     /// `latest` asks for it.
@@ -87,11 +75,16 @@ impl TrainedNetwork {
     pub fn read(path: &Path, latest: bool) -> anyhow::Result<Self> {
         let saved = Saved::read(path)?;
         let best = saved.best.filter(|_| !latest);
+        let text = "a provenance is bounded";
         Ok(Self {
             architecture: saved.settings.architecture,
             parameters: best.map_or(saved.parameters, |best| best.parameters),
-            missions: saved.demonstrations.len().try_into()?,
-            seed: saved.settings.seed,
+            provenance: SetsProvenance {
+                algorithm: "imitation".try_into().ok().context(text)?,
+                missions: "random".try_into().ok().context(text)?,
+                episodes: saved.demonstrations.len().try_into()?,
+                seed: saved.settings.seed,
+            },
         })
     }
 }

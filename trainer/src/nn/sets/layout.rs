@@ -34,6 +34,27 @@ impl Default for Architecture {
     }
 }
 
+impl Architecture {
+    /// Checks that a network can have these sizes.
+    ///
+    /// # Errors
+    /// Names the size that is out of its range.
+    pub fn check(&self) -> Result<(), String> {
+        let &Self { width, hidden, .. } = self;
+        if ![32, 64, 96, 128].contains(&width) {
+            return Err(format!(
+                "architecture.width is {width}, but must be 32, 64, 96 or 128"
+            ));
+        }
+        if hidden == 0 || !hidden.is_multiple_of(16) {
+            return Err(format!(
+                "architecture.hidden is {hidden}, but must be a multiple of 16 above 0"
+            ));
+        }
+        Ok(())
+    }
+}
+
 /// The numbers of features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FeatureSizes {

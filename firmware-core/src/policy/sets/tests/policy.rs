@@ -25,8 +25,10 @@ fn decisions_are_those_of_the_network() {
     for _ in 0..20 {
         let p = parameters(&mut random);
         let mut mission = mission::<f32>(&p);
-        let mut policy =
-            SetsPolicy::new(load(file()).expect("sound"), &mission, &mut work).expect("fits");
+        let network = load(file()).expect("sound");
+        let work = &mut work;
+        let network = NetworkWithWork { network, work };
+        let mut policy = SetsPolicy::new(network, &mission).expect("fits");
         let mut state = state(&mut random, &p);
         let begun = state.slot - 1;
         let position_m = Position::new(1.0, 2.0);
@@ -69,7 +71,8 @@ fn missions_are_flown() {
     fn fly<T: Scalar>() {
         let mission: Mission<T, 16, 64> = table_one();
         let network = load(file()).expect("sound");
-        let policy = SetsPolicy::new(network, &mission, Box::<SetsWork>::default()).expect("fits");
+        let work = Box::<SetsWork>::default();
+        let policy = SetsPolicy::new(NetworkWithWork { network, work }, &mission).expect("fits");
         let mut position = mission.parameters().start;
         let mut controller = Controller::new(mission, policy);
         while !controller.is_over() {
@@ -108,7 +111,9 @@ fn larger_missions_are_refused() {
     };
     let mut create = |users, sensors| {
         let network = load(file()).expect("sound");
-        SetsPolicy::new(network, &mission(users, sensors), SetsWork::default()).map(|_| ())
+        let work = SetsWork::default();
+        let network = NetworkWithWork { network, work };
+        SetsPolicy::new(network, &mission(users, sensors)).map(|_| ())
     };
     assert_eq!(create(16, 64), Ok(()));
     let users = SetsMismatch {

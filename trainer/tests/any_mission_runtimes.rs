@@ -1,0 +1,148 @@
+//! All runtimes of a policy for any mission (tract and the allocator-free network) agree, and files
+//! come back as they were written. Needs the feature `onnx`.
+
+use firmware_core::{
+    Position,
+    inner::Workspace,
+    policy::{
+        Observation,
+        onnx::SetsOnnx,
+        sets::{
+            EvaluateSets, NetworkWithWork, Precision, SetsNetwork, SetsObservation, SetsOutput,
+            SetsProvenance, SetsWork,
+        },
+    },
+};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use trainer::{
+    imitation::{encoder::FEATURES, trained::TrainedNetwork},
+    nn::sets::{Architecture, SetNetwork},
+    onnx::sets,
+};
+
+/// Returns an untrained network of full size, whose outputs depend on all inputs.
+fn network() -> TrainedNetwork {
+    let architecture = Architecture::default();
+    let mut rng = Pcg64Mcg::seed_from_u64(9);
+    let mut parameters = SetNetwork::new(architecture, FEATURES, 3).export();
+    for parameter in &mut parameters {
+        *parameter += rng.random_range(-0.03..0.03);
+    }
+    TrainedNetwork {
+        architecture,
+        parameters,
+        provenance: SetsProvenance {
+            algorithm: "none".try_into().expect("short"),
+            missions: "random".try_into().expect("short"),
+            episodes: 7,
+            seed: 3,
+        },
+    }
+}
+
+/// Calls `check` with states of random missions, and with the same without some of their users.
+fn each_state(count: usize, mut check: impl FnMut(&SetsObservation)) {
+    let mut rng = Pcg64Mcg::seed_from_u64(4);
+    let mut workspace = Workspace::default();
+    const STATES_PER_MISSION: usize = 20;
+    for seed in 0..count.div_ceil(STATES_PER_MISSION) as u64 {
+        let scenario = scenario::random(7_000 + seed, None).expect("a mission");
+        let mission = scenario.mission;
+        let p = mission.parameters();
+        for _ in 0..STATES_PER_MISSION {
+            let east_m = rng.random_range(0.0..p.area.east_m);
+            let north_m = rng.random_range(0.0..p.area.north_m);
+            let observation = Observation {
+                slot: rng.random_range(1..=mission.slots()),
+                position: Position::new(east_m, north_m),
+                ..Observation::at_start(&mission)
+            };
+            check(&SetsObservation::new(
+                &mission,
+                &observation,
+                &mut workspace,
+            ));
+        }
+    }
+}
+
+/// Returns the largest difference of two outputs, in units of full scale.
+fn difference(got: &SetsOutput, expected: &SetsOutput, reach_m: f32) -> f32 {
+    let scores = expected.user_scores.iter();
+    let score_scale = scores.fold(1.0_f32, |a, b| a.max(b.abs()));
+    let displacements = got.displacement_m.iter().zip(&expected.displacement_m);
+    let displacements = displacements.map(|(a, b)| (a - b).abs() / reach_m);
+    let scores = got.user_scores.iter().zip(&expected.user_scores);
+    let scores = scores.map(|(a, b)| (a - b).abs() / score_scale);
+    displacements.chain(scores).fold(0.0, |worst, x| {
+        if x.is_finite() {
+            worst.max(x)
+        } else {
+            f32::INFINITY
+        }
+    })
+}
+
+/// Outputs agree within 1e-5 of full scale on 10,000 observations, in both precisions.
+#[test]
+fn runtimes_agree() {
+    let network = network();
+    for (precision, states) in [(Precision::Half, 10_000), (Precision::Single, 1_000)] {
+        let file = sets::write(&network, precision).expect("fits");
+        let mut tract = SetsOnnx::load(&file).expect("sound");
+        assert_eq!(tract.provenance(), &network.provenance);
+        let mut work = Box::<SetsWork>::default();
+        let policy = network.to_policy_file(precision).expect("fits");
+        let network = SetsNetwork::load(policy, &mut work).expect("sound");
+        let mut flying = NetworkWithWork { network, work };
+        let mut checked = 0;
+        each_state(states, |observation| {
+            let expected = flying.evaluate(observation).expect("fits");
+            let got = tract.evaluate(observation).expect("runs");
+            let [_, _, _, _, _, _, _, reach_m, ..] = observation.mission;
+            let error = difference(&got, &expected, reach_m);
+            assert!(error <= 1e-5, "{error} {got:?} {expected:?}");
+            checked += 1;
+        });
+        assert!(checked >= states);
+    }
+}
+
+/// What is read from a file is what was written; in half precision, the rounded weights.
+#[test]
+fn files_come_back() {
+    let network = network();
+    let single = sets::write(&network, Precision::Single).expect("fits");
+    let (read, precision) = sets::parse(&single).expect("sound");
+    assert_eq!((&read, precision), (&network, Precision::Single));
+    let half = sets::write(&network, Precision::Half).expect("fits");
+    let (read, precision) = sets::parse(&half).expect("sound");
+    assert_eq!(precision, Precision::Half);
+    assert_ne!(read, network);
+    assert_eq!(sets::write(&read, Precision::Half).expect("fits"), half);
+    let policy = network.to_policy_file(Precision::Half).expect("fits");
+    assert_eq!(read.to_policy_file(Precision::Half).expect("fits"), policy);
+    assert!(half.len() < 384 * 1024, "{}", half.len());
+}
+
+/// A file with other weights than its test vector expects is refused by both readers, and so is one
+/// that is cut.
+#[test]
+fn unsound_files_are_refused() {
+    let file = sets::write(&network(), Precision::Single).expect("fits");
+    // In the middle of the weights of a linear map.
+    let mut changed = file.clone();
+    let at = changed.len() / 2;
+    for byte in &mut changed[at..at + 64] {
+        *byte = 0x3f;
+    }
+    let ours = sets::parse(&changed).expect_err("unsound").to_string();
+    assert!(ours.contains("self-test: output"), "{ours}");
+    let tract = SetsOnnx::load(&changed).expect_err("unsound").to_string();
+    assert!(tract.contains("self-test: output"), "{tract}");
+    for cut in [0, 100, file.len() / 2, file.len() - 1] {
+        assert!(sets::parse(&file[..cut]).is_err(), "cut at {cut}");
+        assert!(SetsOnnx::load(&file[..cut]).is_err(), "cut at {cut}");
+    }
+}
