@@ -30,7 +30,7 @@ use planning::bound;
 use planning::planner::{self, HostPlanner, PlanProgress};
 use planning::{search::SearchPolicy, waypoint_file};
 use scenario::Scenario;
-use trained::{shipped, trained_for};
+use trained::{FOR_ANY_MISSION, shipped, trained_for};
 
 /// A policy as selected on the command line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -50,6 +50,8 @@ pub enum PolicyChoice {
     /// The plan that [`PolicyChoice::Plan`] has before take-off, after at most this time, flown as it
     /// is: nothing is re-planned or improved in flight.
     PlanOnce(Option<Duration>),
+    /// The trained policy that is shipped for any mission.
+    Any,
     /// A trained policy.
     File(PathBuf),
     /// A directory with `.onnx` files: the policy among them that was trained for the mission.
@@ -68,6 +70,7 @@ impl FromStr for PolicyChoice {
             "fixed" => Ok(Self::Fixed),
             "search" => Ok(Self::Search),
             "plan" => Ok(Self::Plan),
+            "any" => Ok(Self::Any),
             "plan-once" => Ok(Self::PlanOnce(None)),
             _ => {
                 if let Some(seconds) = text.strip_prefix("plan-once:") {
@@ -79,8 +82,8 @@ impl FromStr for PolicyChoice {
                     Some("csv" | "plan") => Ok(Self::Waypoints(path)),
                     _ if path.is_dir() => Ok(Self::Trained(path)),
                     _ => Err(
-                        "must be shipped, plan, plan-once, plan-once:SECONDS, straight-line, fixed, search, \
-                         a file that ends in .onnx, .policy, .csv or .plan, or a directory of .onnx files"
+                        "must be shipped, plan, plan-once, plan-once:SECONDS, any, straight-line, fixed, \
+                         search, a file that ends in .onnx, .policy, .csv or .plan, or a directory of .onnx files"
                             .into(),
                     ),
                 }
@@ -105,6 +108,7 @@ impl fmt::Display for PolicyChoice {
             Self::Fixed => f.write_str("fixed"),
             Self::Search => f.write_str("search"),
             Self::Plan => f.write_str("plan"),
+            Self::Any => f.write_str("any"),
             Self::PlanOnce(None) => f.write_str("plan-once"),
             Self::PlanOnce(Some(time)) => write!(f, "plan-once:{}", time.as_secs_f64()),
             // Records contain only the file's name, because its directory does not affect its decisions.
@@ -197,6 +201,10 @@ impl HostPolicy {
                     return Ok((policy, name.into()));
                 }
                 return Self::load_watched(&PolicyChoice::Plan, scenario, progress);
+            }
+            PolicyChoice::Any => {
+                let (name, file) = FOR_ANY_MISSION;
+                Self::from_file(Path::new(name), file.to_vec(), scenario)?
             }
             PolicyChoice::StraightLine => Self::StraightLine(StraightLine::new(mission)),
             PolicyChoice::Fixed => Self::Fixed(FixedPosition::central(mission)),

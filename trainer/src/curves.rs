@@ -5,7 +5,7 @@ use figures::{
     series::{Look, Series},
 };
 
-use crate::metrics::{EVALUATION, MetricsRow, SUM_RATE};
+use crate::metrics::{EVALUATION, HELD_OUT, MetricsRow, SUM_RATE};
 
 /// A learning curve: the mean total rate of the episodes up to each point.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,17 +50,32 @@ pub fn drawing(curves: &[Curve]) -> String {
     over_episodes("Learning curves", series.collect())
 }
 
+/// Draws the evaluations on held-out missions over the missions learned from, as SVG.
+pub fn of_held_out(rows: &[MetricsRow]) -> String {
+    let names = ["mean", "5 % quantile", "worst"].into_iter().enumerate();
+    let series = names.zip(HELD_OUT).map(|((index, name), column)| {
+        let look = Look::nth(index).without_marks();
+        Series::new(name, look, means(rows, column, 1))
+    });
+    let axes = ["missions", "fraction of the planner's total"];
+    drawn("Learning curve", axes, series.collect())
+}
+
 /// Draws total rates over episodes.
 pub(crate) fn over_episodes(title: &str, series: Vec<Series>) -> String {
+    drawn(title, ["episode", "total rate, bit/s/Hz"], series)
+}
+
+fn drawn(title: &str, [x, y]: [&str; 2], series: Vec<Series>) -> String {
     let points = || series.iter().flat_map(|series| &series.points);
     let last = points().map(|point| point.0).fold(1.0, f64::max);
     let panel = Panel {
         title: String::new(),
         x: Axis {
             ticks: 8,
-            ..Axis::new("episode", [0.0, last])
+            ..Axis::new(x, [0.0, last])
         },
-        y: Axis::around("total rate, bit/s/Hz", points().map(|point| point.1)),
+        y: Axis::around(y, points().map(|point| point.1)),
         series,
     };
     let chart = Chart {

@@ -104,6 +104,12 @@ pub const SUM_RATE: &str = "charts/sum_rate";
 
 /// The name of the column of deterministic evaluations.
 pub const EVALUATION: &str = "charts/eval_sum_rate";
+/// The columns of an evaluation on held-out missions: mean, 5 % quantile and worst.
+pub const HELD_OUT: [&str; 3] = [
+    "charts/held_out_mean",
+    "charts/held_out_low",
+    "charts/held_out_worst",
+];
 
 /// Writes all rows as one CSV file. Columns without a value in a row stay empty.
 ///

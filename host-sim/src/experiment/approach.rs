@@ -18,6 +18,8 @@ pub enum Approach {
     DdpgTuned,
     /// DDPG with Table I's settings.
     DdpgTableOne,
+    /// The policy for any mission, which was trained on none of these missions.
+    AnyMission,
     /// Straight to the destination, serving the nearest admissible user.
     StraightLine,
     /// The best known mission.
@@ -40,6 +42,7 @@ impl Approach {
             Self::SacTableOne => "SAC (Table I)",
             Self::DdpgTuned => "DDPG (tuned)",
             Self::DdpgTableOne => "DDPG (Table I)",
+            Self::AnyMission => "policy for any mission",
             Self::StraightLine => "straight line",
             Self::Search => "search",
             Self::Bound => "certified bound",
@@ -83,7 +86,11 @@ impl Approach {
             Self::SacTableOne => Some(Learner::Sac(Preset::TableOne)),
             Self::DdpgTuned => Some(Learner::Ddpg(Preset::Tuned)),
             Self::DdpgTableOne => Some(Learner::Ddpg(Preset::TableOne)),
-            Self::StraightLine | Self::Search | Self::Bound | Self::FixedPosition => None,
+            Self::AnyMission
+            | Self::StraightLine
+            | Self::Search
+            | Self::Bound
+            | Self::FixedPosition => None,
         }
     }
 

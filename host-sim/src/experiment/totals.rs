@@ -102,8 +102,8 @@ fn cells(experiment: Experiment) -> Vec<Cell> {
 /// Returns the approaches of a figure, in the paper's order.
 fn approaches(experiment: Experiment) -> &'static [Approach] {
     use Approach::{
-        Bound, DdpgTableOne, DdpgTuned, FixedPosition, FixedSensorPower, FixedUserPower,
-        SacTableOne, SacTuned, Search, StraightLine,
+        AnyMission, Bound, DdpgTableOne, DdpgTuned, FixedPosition, FixedSensorPower,
+        FixedUserPower, SacTableOne, SacTuned, Search, StraightLine,
     };
     match experiment {
         Experiment::Noise => &[SacTuned],
@@ -120,6 +120,7 @@ fn approaches(experiment: Experiment) -> &'static [Approach] {
             SacTableOne,
             DdpgTuned,
             DdpgTableOne,
+            AnyMission,
             StraightLine,
             Search,
             Bound,
@@ -211,6 +212,7 @@ pub(super) fn measure(
                 });
             };
             match approach {
+                Approach::AnyMission => add(1, Source::Flight(PolicyChoice::Any)),
                 Approach::StraightLine => add(1, Source::Flight(PolicyChoice::StraightLine)),
                 Approach::FixedPosition => add(1, Source::Flight(PolicyChoice::Fixed)),
                 _ => {

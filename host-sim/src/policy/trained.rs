@@ -51,6 +51,11 @@ static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
     ];
     default.into_iter().chain(cells).collect()
 });
+/// The shipped policy for any mission, as `trainer convert` makes it from `models/any.onnx`: its
+/// file's name and content. It flies in builds without tract as well, and loads at once.
+pub(super) const FOR_ANY_MISSION: (&str, &[u8]) =
+    ("any.policy", include_bytes!("../../../models/any.policy"));
+
 /// The number of policies for the missions of the paper's figures.
 const CELLS: usize = 16;
 

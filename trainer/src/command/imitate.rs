@@ -10,6 +10,7 @@ use trainer::{
         settings::ImitationSettings,
         trained::TrainedNetwork,
     },
+    onnx,
     run::CHECKPOINT,
 };
 
@@ -25,7 +26,8 @@ pub(crate) struct ImitationOptions {
     /// With --missions random: number of gradient steps
     #[arg(long)]
     steps: Option<u64>,
-    /// With --missions random: start from the best network of this checkpoint.bin
+    /// With --missions random: start from the best network of this checkpoint.bin, or from this .onnx
+    /// file for any mission
     #[arg(
         long,
         value_name = "FILE",
@@ -68,7 +70,7 @@ impl ImitationOptions {
         let start = || -> anyhow::Result<_> {
             let from = match &self.from {
                 Some(path) => {
-                    let network = TrainedNetwork::read(path, false)?;
+                    let network = read_network(path)?;
                     ensure!(
                         network.architecture == settings.architecture,
                         "{}: the network has {:?}, but {:?} was asked for",
@@ -91,6 +93,14 @@ impl ImitationOptions {
         let threads = self.threads();
         let run = Imitation::resume(directory.to_owned(), self.steps, self.minutes, threads);
         train(run.map_err(Failure::BadInput)?, directory, show)
+    }
+}
+
+/// Reads the network that training starts from.
+fn read_network(path: &Path) -> anyhow::Result<TrainedNetwork> {
+    match path.extension().is_some_and(|kind| kind == "onnx") {
+        true => Ok(onnx::sets::read(path)?.0),
+        false => TrainedNetwork::read(path, false),
     }
 }
 

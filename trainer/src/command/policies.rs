@@ -10,11 +10,11 @@ use clap::Args;
 use environment::Allocation;
 use files::input;
 use firmware_core::{
-    USERS_MAX,
+    SENSORS_MAX, USERS_MAX,
     policy::{
-        Policy, StraightLine,
+        Policy, StraightLine, format_version,
         mlp::{self, Mlp},
-        sets::Precision,
+        sets::{self, NetworkWithWork, Precision, SetsNetwork, SetsPolicy, SetsWork},
     },
 };
 use rand::SeedableRng;
@@ -24,7 +24,7 @@ use serde::Serialize;
 use trainer::{
     checkpoint,
     evaluate::{Flight, fly},
-    imitation::{run::is_imitation, trained::TrainedNetwork},
+    imitation::{run::is_imitation, states::random_states, trained::TrainedNetwork},
     onnx,
 };
 
@@ -91,28 +91,32 @@ pub(crate) struct Convert {
 
 impl Convert {
     pub(crate) fn execute(self) -> Outcome {
-        let file = self.converted().map_err(Failure::BadInput)?;
+        let file = converted(&self.onnx).map_err(Failure::BadInput)?;
         write(&self.policy, &file)
-    }
-
-    fn converted(&self) -> anyhow::Result<Vec<u8>> {
-        let name = || self.onnx.display().to_string();
-        let bytes = input::read(&self.onnx).with_context(name)?;
-        if onnx::sets::is_for_any_mission(&bytes) {
-            let (network, precision) = onnx::sets::parse(&bytes).with_context(name)?;
-            return network.to_policy_file(precision);
-        }
-        let actor = onnx::read::parse(&bytes).with_context(name)?;
-        let file = actor.to_policy_file()?;
-        // A file that the vehicle would reject is not written.
-        Mlp::load(&file[..])?;
-        Ok(file)
     }
 }
 
+/// Returns the `.policy` file of an ONNX file.
+fn converted(path: &Path) -> anyhow::Result<Vec<u8>> {
+    let name = || path.display().to_string();
+    let bytes = input::read(path).with_context(name)?;
+    if onnx::sets::is_for_any_mission(&bytes) {
+        let (network, precision) = onnx::sets::parse(&bytes).with_context(name)?;
+        return network.to_policy_file(precision);
+    }
+    let actor = onnx::read::parse(&bytes).with_context(name)?;
+    let file = actor.to_policy_file()?;
+    // A file that the vehicle would reject is not written.
+    Mlp::load(&file[..])?;
+    Ok(file)
+}
+
+/// The shipped policy for any mission.
+const ANY: &[u8] = include_bytes!("../../../models/any.policy");
+
 #[derive(Debug, Args)]
 pub(crate) struct Evaluate {
-    /// A .onnx or .policy file, or `straight-line`
+    /// A .onnx or .policy file, `any` (the shipped policy for any mission), or `straight-line`
     policy: PathBuf,
     #[command(flatten)]
     mission: ScenarioChoice,
@@ -139,11 +143,22 @@ impl Evaluate {
             let policy = Box::new(StraightLine::new(&scenario.mission));
             return Ok((scenario, policy));
         }
-        let file = if self.policy.extension().is_some_and(|e| e == "onnx") {
-            onnx::read::read(&self.policy)?.to_policy_file()?
+        let file = if self.policy == Path::new("any") {
+            ANY.to_vec()
+        } else if self.policy.extension().is_some_and(|kind| kind == "onnx") {
+            converted(&self.policy)?
         } else {
             input::read(&self.policy).with_context(|| self.policy.display().to_string())?
         };
+        if format_version(&file).ok() == Some(sets::FORMAT_VERSION) {
+            let mut work = Box::<SetsWork>::default();
+            let name = || self.policy.display().to_string();
+            let network = SetsNetwork::load(file, &mut work).with_context(name)?;
+            let policy: SetsPolicy<f64, _, USERS_MAX, SENSORS_MAX> =
+                SetsPolicy::new(NetworkWithWork { network, work }, &scenario.mission)
+                    .with_context(name)?;
+            return Ok((scenario, Box::new(policy)));
+        }
         let policy: Mlp<Vec<u8>> = Mlp::load(file)
             .map_err(|error: mlp::LoadError| anyhow!("{}: {error}", self.policy.display()))?;
         let fits = policy.provenance().check(&scenario.mission);
@@ -192,8 +207,27 @@ struct ProbeLine<'a> {
     user_scores: &'a [f32],
 }
 
+/// The same for a policy for any mission; rows that are not used are left out.
+#[derive(Serialize)]
+struct SetsProbeLine<'a> {
+    mission: &'a [f32],
+    users: &'a [[f32; sets::USER_COLUMNS]],
+    sensors: &'a [[f32; sets::SENSOR_COLUMNS]],
+    displacement: [f32; 2],
+    user_scores: &'a [f32],
+}
+
+fn write_line(out: &mut impl Write, line: &impl Serialize) -> anyhow::Result<()> {
+    writeln!(out, "{}", serde_json::to_string(line)?)?;
+    Ok(())
+}
+
 impl Probe {
     pub(crate) fn execute(self) -> Outcome {
+        let bytes = input::read(&self.onnx).with_context(|| self.onnx.display().to_string());
+        if onnx::sets::is_for_any_mission(&bytes.map_err(Failure::BadInput)?) {
+            return self.probe_for_any_mission();
+        }
         let load = || -> anyhow::Result<_> {
             let actor = onnx::read::read(&self.onnx)?;
             let policy = Mlp::load(actor.to_policy_file()?)?;
@@ -205,14 +239,36 @@ impl Probe {
         for _ in 0..self.count {
             let observation = actor.random_observation(&mut rng);
             let outputs = policy.evaluate(&observation);
-            let line = serde_json::to_string(&ProbeLine {
+            let line = ProbeLine {
                 observation: &observation,
                 displacement: &outputs[..2],
                 user_scores: &outputs[2..],
-            });
-            let line = line.map_err(|error| Failure::Failed(error.into()))?;
-            writeln!(out, "{line}").map_err(|error| Failure::Failed(error.into()))?;
+            };
+            write_line(&mut out, &line).map_err(Failure::Failed)?;
         }
+        out.flush().map_err(|error| Failure::Failed(error.into()))
+    }
+
+    fn probe_for_any_mission(&self) -> Outcome {
+        let mut work = Box::<SetsWork>::default();
+        let load = |work: &mut SetsWork| -> anyhow::Result<_> {
+            Ok(SetsNetwork::load(converted(&self.onnx)?, work)?)
+        };
+        let network = load(&mut work).map_err(Failure::BadInput)?;
+        let mut out = BufWriter::new(stdout().lock());
+        let written = random_states(self.count, self.seed, |sets| {
+            let output = network.evaluate(sets, &mut work);
+            let output = output.context("the network cannot be evaluated")?;
+            let line = SetsProbeLine {
+                mission: &sets.mission,
+                users: sets.user_rows(),
+                sensors: sets.sensor_rows(),
+                displacement: output.displacement_m,
+                user_scores: &output.user_scores,
+            };
+            write_line(&mut out, &line)
+        });
+        written.map_err(Failure::Failed)?;
         out.flush().map_err(|error| Failure::Failed(error.into()))
     }
 }

@@ -5,13 +5,19 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Error};
 use clap::Args;
 use figures::document;
+use firmware_core::policy::sets::Precision;
 use trainer::{
     card,
     compare::{Comparison, References},
     curves::{self, Curve},
+    imitation::{
+        self,
+        run::{Summary, is_imitation},
+        trained::TrainedNetwork,
+    },
     metrics::{EVALUATION, SUM_RATE},
     onnx,
-    run::Run,
+    run::{CHECKPOINT, Run},
 };
 
 use super::outcome::{Failure, Outcome, write};
@@ -20,7 +26,8 @@ use super::outcome::{Failure, Outcome, write};
 pub(crate) struct Publish {
     /// The directory of a run
     run: PathBuf,
-    /// Path without extension of the files to write: STEM.onnx, STEM.md, STEM.svg
+    /// Path without extension of the files to write: STEM.onnx, STEM.md, STEM.svg, and STEM.policy of
+    /// a run with --missions random
     #[arg(long)]
     stem: PathBuf,
     /// The command that trained the policy, for the model card
@@ -39,15 +46,27 @@ impl Publish {
         Ok(())
     }
 
-    fn files(&self) -> anyhow::Result<[(&'static str, Vec<u8>); 3]> {
+    fn files(&self) -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
+        let name = self.stem.file_name().unwrap_or_default().to_string_lossy();
+        let checkpoint = self.run.join(CHECKPOINT);
+        if is_imitation(&checkpoint) {
+            let network = TrainedNetwork::read(&checkpoint, false)?;
+            let summary = Summary::read(&checkpoint)?;
+            let card = imitation::card::markdown(&name, &self.command, &network, &summary)?;
+            return Ok(vec![
+                ("onnx", onnx::sets::write(&network, Precision::Half)?),
+                ("policy", network.to_policy_file(Precision::Half)?),
+                ("md", card.into_bytes()),
+                ("svg", curves::of_held_out(&summary.rows).into_bytes()),
+            ]);
+        }
         let Run { progress, scenario } = Run::open(&self.run)?;
         let best = progress.best.as_ref();
         let best = best.context("the run has no admissible policy")?;
         let references = References::of(&scenario.mission)?;
-        let name = self.stem.file_name().unwrap_or_default().to_string_lossy();
         let card = card::markdown(&name, &self.command, &progress, best, &references);
         let curve = card::learning_curve(&progress.rows, &references);
-        Ok([
+        Ok(vec![
             ("onnx", onnx::write(&best.actor)),
             ("md", card.into_bytes()),
             ("svg", curve.into_bytes()),

@@ -3,7 +3,7 @@
 use anyhow::anyhow;
 use environment::Allocation;
 use pulp::Arch;
-use scenario::{HostMission, random};
+use scenario::{HostMission, Layout, random};
 
 use super::{demonstration::planned, policy::SetPolicy};
 use crate::{evaluate::fly, nn::sets::SetNetwork};
@@ -34,18 +34,41 @@ pub struct Evaluation {
     pub violated: usize,
 }
 
+/// A flown mission.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flown {
+    /// The number of users.
+    pub users: usize,
+    /// The number of sensors.
+    pub sensors: usize,
+    /// `J Gamma`, the share of the error budget of an ideal channel that may be used: 0 to 1.
+    pub tolerance: f64,
+    /// The flown total as a fraction of the planner's.
+    pub fraction: f64,
+    /// Whether it broke fairness or did not arrive.
+    pub violated: bool,
+}
+
 impl HeldOut {
     /// Draws and plans `count` missions.
     ///
     /// # Errors
     /// Fails if a seed gives no mission.
     pub fn new(count: usize) -> anyhow::Result<Self> {
+        Self::with_layout(count, None)
+    }
+
+    /// Like [`HeldOut::new`], with one layout of users and sensors.
+    ///
+    /// # Errors
+    /// Fails if a seed gives no mission.
+    pub fn with_layout(count: usize, layout: Option<Layout>) -> anyhow::Result<Self> {
         let mut missions = Vec::new();
         for seed in (FIRST_SEED..).take(count) {
-            let mission = random(seed, None).map_err(|error| anyhow!(error))?.mission;
-            let total = planned(&mission, PLANNING_OPERATIONS)?.value();
+            let scenario = random(seed, layout).map_err(|error| anyhow!(error))?;
+            let total = planned(&scenario.mission, PLANNING_OPERATIONS)?.value();
             if total > TOTAL_MIN {
-                missions.push((mission, total));
+                missions.push((scenario.mission, total));
             }
         }
         Ok(Self { missions })
@@ -55,22 +78,42 @@ impl HeldOut {
     ///
     /// # Errors
     /// Returns the controller's error. A valid mission causes none.
-    pub fn evaluate(&self, arch: Arch, network: &SetNetwork) -> anyhow::Result<Evaluation> {
-        let mut fractions = Vec::new();
-        let mut violated = 0;
-        for (mission, total) in &self.missions {
+    pub fn fly(&self, arch: Arch, network: &SetNetwork) -> anyhow::Result<Vec<Flown>> {
+        let flown = self.missions.iter().map(|(mission, total)| {
             let policy = SetPolicy::new(network, mission.clone(), arch);
             let flight = fly(mission, policy, Allocation::default())?;
-            violated += usize::from(!(flight.arrived && flight.fair));
-            fractions.push(flight.sum_rate / total);
-        }
+            let sensors = mission.sensors().count();
+            Ok(Flown {
+                users: mission.users().count(),
+                sensors,
+                tolerance: sensors as f64 * mission.parameters().mse_threshold,
+                fraction: flight.sum_rate / total,
+                violated: !(flight.arrived && flight.fair),
+            })
+        });
+        flown.collect()
+    }
+
+    /// Flies the network and summarizes its totals.
+    ///
+    /// # Errors
+    /// Like [`HeldOut::fly`].
+    pub fn evaluate(&self, arch: Arch, network: &SetNetwork) -> anyhow::Result<Evaluation> {
+        Ok(Evaluation::of(&self.fly(arch, network)?))
+    }
+}
+
+impl Evaluation {
+    /// Summarizes flights.
+    pub fn of(flights: &[Flown]) -> Self {
+        let mut fractions: Vec<f64> = flights.iter().map(|flown| flown.fraction).collect();
         fractions.sort_by(f64::total_cmp);
         let count = fractions.len();
-        Ok(Evaluation {
+        Self {
             mean: fractions.iter().sum::<f64>() / count as f64,
             low: fractions.get(count / 20).copied().unwrap_or(f64::NAN),
             worst: fractions.first().copied().unwrap_or(f64::NAN),
-            violated,
-        })
+            violated: flights.iter().filter(|flown| flown.violated).count(),
+        }
     }
 }

@@ -7,6 +7,7 @@
 //! | module | content |
 //! |---|---|
 //! | [`settings`] | all settings of a run |
+//! | [`card`] | the model card |
 //! | [`demonstration`] | a planned mission as examples |
 //! | [`demonstrations`] | demonstrations from threads in the background, in an order that depends on nothing else |
 //! | [`symmetry`] | reflections of a mission |
@@ -15,9 +16,11 @@
 //! | [`loss`] | the loss |
 //! | [`policy`] | the network as a policy that flies |
 //! | [`held_out`] | evaluation on missions that are not learned from |
+//! | [`states`] | random states of random missions |
 //! | [`trained`] | a trained network with its origin, and its `.policy` file |
 //! | [`run`] | a run: start, resume, train, evaluate, save |
 
+pub mod card;
 pub mod demonstration;
 pub mod demonstrations;
 pub mod encoder;
@@ -27,6 +30,7 @@ pub mod policy;
 pub mod run;
 pub mod sample;
 pub mod settings;
+pub mod states;
 pub mod symmetry;
 #[cfg(test)]
 mod tests;

@@ -26,7 +26,7 @@ use super::{
     settings::ImitationSettings,
 };
 use crate::{
-    metrics::{self, MetricsRow},
+    metrics::{self, HELD_OUT, MetricsRow},
     nn::{
         Adam,
         sets::{BatchGradient, SetNetwork},
@@ -35,7 +35,7 @@ use crate::{
     tensorboard::EventWriter,
 };
 
-pub use self::saved::is_imitation;
+pub use self::saved::{Summary, is_imitation};
 
 /// The number of demonstrations that are asked for ahead of their use.
 const AHEAD: usize = 8;
@@ -324,10 +324,11 @@ impl Imitation {
         let means = names.zip(self.losses.iter().map(|sum| sum / count));
         let mut values: Vec<(String, f64)> = means.map(|(n, x)| (n.to_owned(), x)).collect();
         if let Some(e) = evaluation {
+            let [mean, low, worst] = HELD_OUT;
             let evaluated = [
-                ("charts/held_out_mean", e.mean),
-                ("charts/held_out_low", e.low),
-                ("charts/held_out_worst", e.worst),
+                (mean, e.mean),
+                (low, e.low),
+                (worst, e.worst),
                 ("charts/held_out_violated", e.violated as f64),
             ];
             values.extend(evaluated.map(|(name, x)| (name.to_owned(), x)));

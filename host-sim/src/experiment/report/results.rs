@@ -140,7 +140,7 @@ fn optimality(rows: &[TotalRow]) -> String {
     let compared = [Approach::Search]
         .into_iter()
         .chain(LEARNERS)
-        .chain([Approach::StraightLine]);
+        .chain([Approach::AnyMission, Approach::StraightLine]);
     let compared: Vec<Approach> = compared.collect();
     let mut text = format!(
         "\n## Optimality\n\nTotal rates, and in brackets the fraction of the certified bound \
@@ -173,10 +173,43 @@ fn optimality(rows: &[TotalRow]) -> String {
         }
         text.push('\n');
     }
+    text += &any_mission(rows);
     if rows.iter().any(|row| row.stored > 0) {
         text += STORED_BOUNDS;
     }
     text
+}
+
+/// Compares the policy for any mission with those that were trained for the missions.
+fn any_mission(rows: &[TotalRow]) -> String {
+    let mut above = 0;
+    let mut shares = Vec::new();
+    for any in rows
+        .iter()
+        .filter(|row| row.approach == Approach::AnyMission)
+    {
+        let rate = |approach| {
+            let mut of_mission = rows.iter().filter(|row| row.is_of_mission(any));
+            Some(of_mission.find(|row| row.approach == approach)?.sum_rate)
+        };
+        if let (Some(tuned), Some(table_one)) =
+            (rate(Approach::SacTuned), rate(Approach::SacTableOne))
+        {
+            above += usize::from(any.sum_rate > table_one);
+            shares.push(any.sum_rate / tuned);
+        }
+    }
+    if shares.is_empty() {
+        return String::new();
+    }
+    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+    format!(
+        "\nThe policy for any mission (`models/any.onnx`) was trained on none of these missions. It is above the \
+         mean of SAC\nwith Table I's settings, trained for the very mission, in {above} of {} cells, and has \
+         {:.1} % of the total of tuned SAC\non average.\n",
+        shares.len(),
+        100.0 * mean
+    )
 }
 
 fn rate(row: &TotalRow) -> String {

@@ -23,6 +23,7 @@ fn look(approach: Approach) -> Look {
         Approach::SacTableOne => 4,
         Approach::Bound => 5,
         Approach::DdpgTuned => 6,
+        Approach::AnyMission => 7,
     })
 }
 

@@ -88,3 +88,35 @@ impl TrainedNetwork {
         })
     }
 }
+
+/// What a run did until it was saved.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// Number of gradient steps.
+    pub steps: u64,
+    /// Number of states of a gradient step.
+    pub batch: usize,
+    /// Duration, minutes.
+    pub minutes: f64,
+    /// The step after which the best network was evaluated, 0 without one.
+    pub best_step: u64,
+    /// The metrics.
+    pub rows: Vec<MetricsRow>,
+}
+
+impl Summary {
+    /// Reads the summary from a checkpoint.
+    ///
+    /// # Errors
+    /// Fails if the file is no valid checkpoint of an imitation.
+    pub fn read(path: &Path) -> anyhow::Result<Self> {
+        let saved = Saved::read(path)?;
+        Ok(Self {
+            steps: saved.step,
+            batch: saved.settings.batch,
+            minutes: saved.seconds / 60.0,
+            best_step: saved.best.map_or(0, |best| best.step),
+            rows: saved.rows,
+        })
+    }
+}
