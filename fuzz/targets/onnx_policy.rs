@@ -1,4 +1,4 @@
-//! An ONNX policy of anybody. One that is read gives one displacement and a score per user for an
+//! An ONNX policy of anybody, for one mission or any. One that is read gives one displacement and a score per user for an
 //! observation, and is read again as it was after it was written.
 #![no_main]
 
@@ -6,6 +6,11 @@ use libfuzzer_sys::fuzz_target;
 use trainer::onnx;
 
 fuzz_target!(|data: &[u8]| {
+    if let Ok((network, precision)) = onnx::sets::parse(data) {
+        let again = onnx::sets::write(&network, precision).expect("it was read");
+        let (again, _) = onnx::sets::parse(&again).expect("it was written");
+        assert_eq!(again, network);
+    }
     let Ok(actor) = onnx::read::parse(data) else {
         return;
     };
