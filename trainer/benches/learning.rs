@@ -107,7 +107,7 @@ const STATES: usize = 256;
 fn demonstrations() -> (ImitationSettings, Vec<Demonstration>, Vec<Sample>) {
     let settings = ImitationSettings::default();
     let demonstrations: Vec<Demonstration> = (0..8)
-        .map(|index| Demonstration::new(&settings, index, None).expect("a mission"))
+        .map(|index| Demonstration::new(&settings, index, None, None).expect("a mission"))
         .collect();
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let samples = (0..STATES).map(|_| Sample::draw(&demonstrations, &mut rng));

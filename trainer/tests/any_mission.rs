@@ -57,6 +57,38 @@ fn a_policy_is_trained_resumed_and_exported() {
         "--quiet",
     ];
     trainer(&[&train[..], &from].concat(), path).success();
+
+    // As ONNX: converted to the same file, evaluated, and adapted to one mission.
+    let export = ["export", "run/checkpoint.bin", "--onnx", "any.onnx"];
+    trainer(&export, path).success();
+    trainer(&["convert", "any.onnx", "converted.policy"], path).success();
+    let [exported, converted] =
+        ["any.policy", "converted.policy"].map(|name| fs::read(path.join(name)).expect("written"));
+    assert_eq!(exported, converted);
+    for file in ["any.onnx", "any.policy", "any"] {
+        trainer(&["evaluate", file, "--scenario", "mixed"], path).success();
+    }
+    let adapt = [
+        "train",
+        "--scenario",
+        "mixed",
+        "--from",
+        "any.onnx",
+        "--settings",
+        "small.toml",
+        "--steps",
+        "4",
+        "--out",
+        "adapted",
+        "--quiet",
+    ];
+    trainer(&adapt, path).success();
+    trainer(
+        &["export", "adapted/checkpoint.bin", "--onnx", "mixed.onnx"],
+        path,
+    )
+    .success();
+    trainer(&["evaluate", "mixed.onnx", "--scenario", "mixed"], path).success();
 }
 
 #[test]
@@ -65,4 +97,33 @@ fn a_duration_without_missions_is_refused() {
     let refused = trainer(&["train", "--minutes", "1"], directory.path()).code(2);
     let message = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
     assert!(message.contains("--missions random"), "{message}");
+}
+
+/// What cannot be started from is refused in one line that names the file.
+#[test]
+fn other_files_cannot_be_started_from() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path();
+    let one_mission = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/mixed-sac.onnx");
+    for (from, expected) in [
+        (
+            one_mission,
+            "mixed-sac.onnx: format_version is 1, but a policy for any mission has 2",
+        ),
+        ("missing.onnx", "missing.onnx: "),
+    ] {
+        let arguments = [
+            "train",
+            "--scenario",
+            "mixed",
+            "--from",
+            from,
+            "--out",
+            "run",
+        ];
+        let refused = trainer(&arguments, path).code(2);
+        let error = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+        assert!(error.contains(expected), "{error}");
+        assert_eq!(error.trim_end().lines().count(), 1, "{error}");
+    }
 }

@@ -1,4 +1,5 @@
-//! `trainer train --missions random`: one policy for any mission.
+//! `trainer train --missions random` and `--from`: one policy for any mission, and a policy for any
+//! mission adapted to one.
 
 use std::path::{Path, PathBuf};
 
@@ -19,21 +20,19 @@ use super::outcome::{Failure, Outcome};
 /// The options of `--missions random`, and of `--resume` for such a run.
 #[derive(Debug, Args)]
 pub(crate) struct ImitationOptions {
-    /// With --missions random: train for so many minutes; the results then depend on the machine's
+    /// With --missions random or --from: train for so many minutes; the results then depend on the machine's
     /// speed
     #[arg(long, conflicts_with = "steps")]
     minutes: Option<f64>,
-    /// With --missions random: number of gradient steps
+    /// With --missions random or --from: number of gradient steps [default with --from: 1000]
     #[arg(long)]
     steps: Option<u64>,
-    /// With --missions random: start from the best network of this checkpoint.bin, or from this .onnx
-    /// file for any mission
-    #[arg(
-        long,
-        value_name = "FILE",
-        conflicts_with = "resume",
-        requires = "missions"
-    )]
+    /// Start from the best network of this checkpoint.bin of a policy for any mission, from this .onnx
+    /// file of one, or from `new`, an untrained network. Without --missions, the network is adapted
+    /// to the scenario, by imitation of the planner
+    #[arg(long, value_name = "FILE", conflicts_with_all = [
+        "resume", "algorithm", "preset", "episodes", "discount", "inner", "constraints", "seeds",
+    ])]
     from: Option<PathBuf>,
     /// With --missions random: threads that compute gradients; they change no result
     #[arg(long, default_value_t = 1)]
@@ -47,6 +46,11 @@ impl ImitationOptions {
     /// Returns whether the duration of an imitation is given.
     pub(super) fn has_duration(&self) -> bool {
         self.minutes.is_some() || self.steps.is_some()
+    }
+
+    /// Returns whether the run starts from a network for any mission.
+    pub(super) fn adapts(&self) -> bool {
+        self.from.is_some()
     }
 
     fn threads(&self) -> Threads {
@@ -69,7 +73,7 @@ impl ImitationOptions {
         }
         let start = || -> anyhow::Result<_> {
             let from = match &self.from {
-                Some(path) => {
+                Some(path) if path.as_os_str() != "new" => {
                     let network = read_network(path)?;
                     ensure!(
                         network.architecture == settings.architecture,
@@ -80,7 +84,7 @@ impl ImitationOptions {
                     );
                     Some(network.parameters)
                 }
-                None => None,
+                _ => None,
             };
             let directory = directory.to_owned();
             Imitation::start(settings, from.as_deref(), directory, self.threads())

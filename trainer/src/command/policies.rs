@@ -5,10 +5,17 @@ use std::{
     path::{Path, PathBuf},
 };
 
+#[cfg(feature = "onnx")]
+use anyhow::ensure;
 use anyhow::{Context, Error, anyhow};
 use clap::Args;
 use environment::Allocation;
 use files::input;
+#[cfg(feature = "onnx")]
+use firmware_core::policy::{
+    onnx::SetsOnnx,
+    sets::{EvaluateSets, SetsObservation, SetsOutput},
+};
 use firmware_core::{
     SENSORS_MAX, USERS_MAX,
     policy::{
@@ -21,6 +28,8 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use scenario::{Scenario, ScenarioChoice};
 use serde::Serialize;
+#[cfg(feature = "onnx")]
+use trainer::imitation::states::difference;
 use trainer::{
     checkpoint,
     evaluate::{Flight, fly},
@@ -198,6 +207,11 @@ pub(crate) struct Probe {
     /// Seed of the random observations
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Of a policy for any mission: also run it by tract, and fail where it differs by more than 1e-5
+    /// of full scale
+    #[cfg(feature = "onnx")]
+    #[arg(long)]
+    tract: bool,
 }
 
 #[derive(Serialize)]
@@ -222,7 +236,42 @@ fn write_line(out: &mut impl Write, line: &impl Serialize) -> anyhow::Result<()>
     Ok(())
 }
 
+/// The largest difference between two evaluations of a network, in units of full scale.
+#[cfg(feature = "onnx")]
+const TOLERANCE: f32 = 1e-5;
+
+/// Fails where tract does not agree.
+#[cfg(feature = "onnx")]
+fn agree(
+    tract: &mut SetsOnnx,
+    sets: &SetsObservation,
+    expected: &SetsOutput,
+) -> anyhow::Result<()> {
+    let got = tract.evaluate(sets).context("tract cannot evaluate it")?;
+    let reach = sets::MISSION_COLUMN_NAMES
+        .iter()
+        .position(|&name| name == "reach_m");
+    let reach_m = reach.and_then(|column| sets.mission.get(column));
+    let reach_m = reach_m.context("an observation has a reach")?;
+    let difference = difference(&got, expected, *reach_m);
+    ensure!(
+        difference <= TOLERANCE,
+        "tract differs by {difference:e} of full scale: {got:?}, but expected {expected:?}"
+    );
+    Ok(())
+}
+
 impl Probe {
+    #[cfg(feature = "onnx")]
+    fn by_tract(&self) -> anyhow::Result<Option<SetsOnnx>> {
+        if !self.tract {
+            return Ok(None);
+        }
+        let name = || self.onnx.display().to_string();
+        let file = input::read(&self.onnx).with_context(name)?;
+        SetsOnnx::load(&file).map(Some).with_context(name)
+    }
+
     pub(crate) fn execute(self) -> Outcome {
         let bytes = input::read(&self.onnx).with_context(|| self.onnx.display().to_string());
         if onnx::sets::is_for_any_mission(&bytes.map_err(Failure::BadInput)?) {
@@ -255,10 +304,16 @@ impl Probe {
             Ok(SetsNetwork::load(converted(&self.onnx)?, work)?)
         };
         let network = load(&mut work).map_err(Failure::BadInput)?;
+        #[cfg(feature = "onnx")]
+        let mut tract = self.by_tract().map_err(Failure::BadInput)?;
         let mut out = BufWriter::new(stdout().lock());
         let written = random_states(self.count, self.seed, |sets| {
             let output = network.evaluate(sets, &mut work);
             let output = output.context("the network cannot be evaluated")?;
+            #[cfg(feature = "onnx")]
+            if let Some(tract) = &mut tract {
+                agree(tract, sets, &output)?;
+            }
             let line = SetsProbeLine {
                 mission: &sets.mission,
                 users: sets.user_rows(),

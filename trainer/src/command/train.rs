@@ -147,14 +147,14 @@ impl FromStr for Seeds {
 
 impl Train {
     pub(crate) fn execute(self) -> Outcome {
-        if self.missions == Some(Missions::Random) {
+        if self.missions == Some(Missions::Random) || self.imitation.adapts() {
             return self.imitate();
         }
         let imitation = |directory: &PathBuf| is_imitation(&directory.join(CHECKPOINT));
         let continued = self.resume && self.out.as_ref().is_some_and(imitation);
         if self.imitation.has_duration() && !continued {
             return Err(Failure::BadInput(anyhow!(
-                "--minutes and --steps are for --missions random; without it, --episodes says how long"
+                "--minutes and --steps are for --missions random and --from; otherwise --episodes says how long"
             )));
         }
         match &self.out {
@@ -179,7 +179,14 @@ impl Train {
     /// Starts an imitation.
     fn imitate(&self) -> Outcome {
         let prepare = || -> anyhow::Result<_> {
-            let mut settings = ImitationSettings::default();
+            let (mut settings, name) = match self.missions {
+                Some(Missions::Random) => (ImitationSettings::default(), "any".to_owned()),
+                None => {
+                    let scenario = self.mission.load().map_err(Error::msg)?;
+                    let name = format!("{}-adapted", scenario.name);
+                    (ImitationSettings::adapting(&scenario), name)
+                }
+            };
             if let Some((path, table)) = self.settings_file()? {
                 settings = overlay(&settings, table).with_context(|| path.display().to_string())?;
             }
@@ -188,7 +195,7 @@ impl Train {
             let directory = self
                 .out
                 .clone()
-                .unwrap_or_else(|| PathBuf::from("out").join(format!("any-{}", settings.seed)));
+                .unwrap_or_else(|| PathBuf::from("out").join(format!("{name}-{}", settings.seed)));
             self.check_directory(&directory)?;
             Ok((settings, directory))
         };

@@ -1,6 +1,5 @@
 //! A planned mission as examples: states, and what the planner would do in them.
 
-use anyhow::anyhow;
 use environment::Allocation;
 use firmware_core::{
     USERS_MAX,
@@ -11,7 +10,7 @@ use planning::planner::{HostPlanner, new_planner};
 use pulp::Arch;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use scenario::{HostMission, random};
+use scenario::HostMission;
 use serde::{Deserialize, Serialize};
 
 use super::{policy::SetPolicy, settings::ImitationSettings};
@@ -74,7 +73,8 @@ pub fn planned(mission: &HostMission, operations: u64) -> anyhow::Result<HostPla
 
 impl Demonstration {
     /// Plans mission `index` of a run. The examples are the states of the plan, and those of a
-    /// flight by `network`, or, without one, of a disturbed flight by the planner.
+    /// flight by `network`, or, without one, of a disturbed flight by the planner. `plan` is the plan
+    /// of the run's only mission, if it has been made already.
     ///
     /// # Errors
     /// Fails if the seed gives no mission.
@@ -82,10 +82,14 @@ impl Demonstration {
         settings: &ImitationSettings,
         index: u64,
         network: Option<&SetNetwork>,
+        plan: Option<&HostPlanner>,
     ) -> anyhow::Result<Self> {
         let seed = mission_seed(settings.seed, index);
-        let mission = random(seed, None).map_err(|error| anyhow!(error))?.mission;
-        let mut planner = planned(&mission, settings.planning_operations)?;
+        let mission = settings.mission(seed)?;
+        let mut planner = match plan {
+            Some(plan) => plan.clone(),
+            None => planned(&mission, settings.planning_operations)?,
+        };
         let mut examples = plan_examples(&mission, &mut planner);
         planner = planner.with_operations_per_slot(settings.correction_operations);
         let mut flight = Flight {
@@ -104,15 +108,18 @@ impl Demonstration {
         })
     }
 
-    /// Restores a demonstration from its seed and examples.
+    /// Restores a demonstration of a run from its seed and examples.
     ///
     /// # Errors
     /// Fails if the seed gives no mission.
-    pub fn restored(seed: u64, examples: Vec<Example>) -> anyhow::Result<Self> {
-        let mission = random(seed, None).map_err(|error| anyhow!(error))?.mission;
+    pub fn restored(
+        settings: &ImitationSettings,
+        seed: u64,
+        examples: Vec<Example>,
+    ) -> anyhow::Result<Self> {
         Ok(Self {
             seed,
-            mission,
+            mission: settings.mission(seed)?,
             examples,
         })
     }

@@ -9,9 +9,13 @@ use std::{
     thread,
 };
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
+use planning::planner::HostPlanner;
 
-use super::{demonstration::Demonstration, settings::ImitationSettings};
+use super::{
+    demonstration::{Demonstration, planned},
+    settings::ImitationSettings,
+};
 use crate::nn::sets::SetNetwork;
 
 /// A mission to plan, and the network that flies it.
@@ -40,8 +44,12 @@ impl Worker {
         let (requests, incoming) = mpsc::channel::<Request>();
         let (outgoing, demonstrations) = mpsc::channel();
         thread::spawn(move || {
+            let plan = only_plan(&settings);
             for (index, network) in incoming {
-                let demonstration = Demonstration::new(&settings, index, network.as_deref());
+                let demonstration = plan.as_ref().map_err(|error| anyhow!("{error:#}"));
+                let demonstration = demonstration.and_then(|plan| {
+                    Demonstration::new(&settings, index, network.as_deref(), plan.as_ref())
+                });
                 // The run is over when nobody takes demonstrations.
                 if outgoing.send(demonstration).is_err() {
                     break;
@@ -53,6 +61,14 @@ impl Worker {
             demonstrations,
         }
     }
+}
+
+/// Plans the mission of a run that has only one.
+fn only_plan(settings: &ImitationSettings) -> anyhow::Result<Option<HostPlanner>> {
+    if settings.scenario.is_none() {
+        return Ok(None);
+    }
+    planned(&settings.mission(0)?, settings.planning_operations).map(Some)
 }
 
 impl Demonstrations {

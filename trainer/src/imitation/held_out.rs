@@ -74,6 +74,17 @@ impl HeldOut {
         Ok(Self { missions })
     }
 
+    /// Plans one mission, to which a network is adapted.
+    ///
+    /// # Errors
+    /// Fails if the mission does not fit into a planner.
+    pub fn of(mission: HostMission) -> anyhow::Result<Self> {
+        let total = planned(&mission, PLANNING_OPERATIONS)?.value();
+        Ok(Self {
+            missions: vec![(mission, total)],
+        })
+    }
+
     /// Flies the network deterministically through all missions.
     ///
     /// # Errors

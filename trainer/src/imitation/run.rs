@@ -168,7 +168,7 @@ impl Imitation {
         };
         let network = load(&saved.parameters)?;
         let pilot = saved.pilot.as_deref().map(load).transpose()?;
-        let restore = |(seed, examples)| Demonstration::restored(seed, examples);
+        let restore = |(seed, examples)| Demonstration::restored(&settings, seed, examples);
         let demonstrations: anyhow::Result<Vec<_>> =
             saved.demonstrations.into_iter().map(restore).collect();
         let ready: anyhow::Result<VecDeque<_>> = saved.ready.into_iter().map(restore).collect();
@@ -229,7 +229,10 @@ impl Imitation {
     /// Fails if a loss is not finite or a file cannot be written.
     pub fn run(&mut self, show_progress: bool) -> anyhow::Result<Option<f64>> {
         let mut events = EventWriter::create(&self.directory)?;
-        let held_out = HeldOut::new(self.settings.held_out_missions)?;
+        let held_out = match self.settings.scenario {
+            Some(_) => HeldOut::of(self.settings.mission(0)?)?,
+            None => HeldOut::new(self.settings.held_out_missions)?,
+        };
         let (first_step, started) = (self.step, Instant::now());
         loop {
             let fraction = self.fraction();

@@ -1,5 +1,7 @@
 //! The settings of a run.
 
+use anyhow::anyhow;
+use scenario::{HostMission, Scenario, random};
 use serde::{Deserialize, Serialize};
 
 use crate::nn::sets::Architecture;
@@ -45,6 +47,10 @@ pub struct ImitationSettings {
     pub disturbance: f64,
     /// The sizes of the network.
     pub architecture: Architecture,
+    /// The only mission of a run that adapts a network to it, as a scenario file; without it, missions
+    /// are drawn at random.
+    #[serde(default)]
+    pub scenario: Option<String>,
     /// Number of missions of an evaluation.
     pub held_out_missions: usize,
     /// Number of steps between evaluations.
@@ -72,6 +78,7 @@ impl Default for ImitationSettings {
             disturbed_fraction: 0.6,
             disturbance: 0.35,
             architecture: Architecture::default(),
+            scenario: None,
             held_out_missions: 60,
             evaluate_every: 1_000,
             report_every: 200,
@@ -80,6 +87,33 @@ impl Default for ImitationSettings {
 }
 
 impl ImitationSettings {
+    /// Returns the settings of a run that adapts a network to the mission of a scenario.
+    pub fn adapting(scenario: &Scenario) -> Self {
+        Self {
+            steps: 1_000,
+            learning_rate: 3e-4,
+            warmup_steps: 20,
+            steps_per_mission: 10,
+            own_flights_from: 100,
+            evaluate_every: 25,
+            report_every: 25,
+            scenario: Some(scenario.to_toml()),
+            ..Self::default()
+        }
+    }
+
+    /// Returns the mission with a seed: that of the scenario, or one drawn at random.
+    ///
+    /// # Errors
+    /// Fails if the scenario is invalid, or if the seed gives no mission.
+    pub fn mission(&self, seed: u64) -> anyhow::Result<HostMission> {
+        let scenario = match &self.scenario {
+            Some(text) => Scenario::parse("scenario", text),
+            None => random(seed, None),
+        };
+        Ok(scenario.map_err(|error| anyhow!(error))?.mission)
+    }
+
     /// Returns the learning rate after `steps`, of which `fraction` (0 to 1) of the run consists: a
     /// linear rise, then half a cosine.
     pub fn learning_rate_after(&self, steps: u64, fraction: f64) -> f32 {

@@ -4,7 +4,10 @@ use anyhow::anyhow;
 use firmware_core::{
     Position,
     inner::Workspace,
-    policy::{Observation, sets::SetsObservation},
+    policy::{
+        Observation,
+        sets::{SetsObservation, SetsOutput},
+    },
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -60,4 +63,22 @@ pub fn random_states(
         }
     }
     Ok(())
+}
+
+/// Returns the largest difference of two outputs, in units of full scale: the reach, and the largest
+/// score, at least 1. A NaN is no agreement.
+pub fn difference(got: &SetsOutput, expected: &SetsOutput, reach_m: f32) -> f32 {
+    let scores = expected.user_scores.iter();
+    let score_scale = scores.fold(1.0_f32, |a, b| a.max(b.abs()));
+    let displacements = got.displacement_m.iter().zip(&expected.displacement_m);
+    let displacements = displacements.map(|(a, b)| (a - b).abs() / reach_m);
+    let scores = got.user_scores.iter().zip(&expected.user_scores);
+    let scores = scores.map(|(a, b)| (a - b).abs() / score_scale);
+    displacements.chain(scores).fold(0.0, |worst, x| {
+        if x.is_finite() {
+            worst.max(x)
+        } else {
+            f32::INFINITY
+        }
+    })
 }

@@ -53,7 +53,7 @@ fn quick() -> ImitationSettings {
 /// The planner's answers keep the rules, in the states of the plan and in those of a flight.
 #[test]
 fn a_demonstration_has_admissible_answers_in_every_slot() {
-    let demonstration = Demonstration::new(&quick(), 0, None).expect("a demonstration");
+    let demonstration = Demonstration::new(&quick(), 0, None, None).expect("a demonstration");
     let slots = demonstration.mission.slots();
     assert_eq!(demonstration.examples.len(), 2 * slots as usize);
     let reach_m = demonstration.mission.reach_m();
@@ -77,7 +77,7 @@ fn a_demonstration_has_admissible_answers_in_every_slot() {
 /// A reflection changes no rate, so it changes no feature but the components of directions.
 #[test]
 fn a_reflected_mission_has_reflected_features() {
-    let demonstration = Demonstration::new(&quick(), 1, None).expect("a demonstration");
+    let demonstration = Demonstration::new(&quick(), 1, None, None).expect("a demonstration");
     let example = &demonstration.examples[5];
     let area = demonstration.mission.parameters().area;
     let [x, y] = example.position_m;
@@ -118,7 +118,7 @@ fn loss_of(labels: &Labels, batch: &SetBatch, outputs: &Outputs) -> (f64, Output
 #[test]
 fn the_gradient_of_the_loss_matches_differences_and_ignores_forbidden_users() {
     let settings = quick();
-    let demonstrations = [Demonstration::new(&settings, 2, None).expect("a demonstration")];
+    let demonstrations = [Demonstration::new(&settings, 2, None, None).expect("a demonstration")];
     let (mut batch, mut labels) = (SetBatch::new(FEATURES), Labels::default());
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     for _ in 0..40 {
@@ -216,6 +216,46 @@ fn a_resumed_run_has_the_same_bytes() {
     run.run(false).expect("runs");
     let metrics = std::fs::read_to_string(path.join("metrics.csv")).expect("metrics");
     assert_eq!((run.network().export(), metrics), whole);
+}
+
+/// A run for one mission learns from it alone, comes nearer to its plan, and can be resumed.
+#[test]
+fn a_network_is_adapted_to_one_mission() {
+    let scenario = scenario::Scenario::shipped("separated").expect("shipped");
+    let settings = ImitationSettings {
+        steps: 120,
+        batch: 32,
+        first_missions: 2,
+        planning_operations: 20_000_000,
+        correction_operations: 100_000,
+        evaluate_every: 60,
+        report_every: 20,
+        learning_rate: 3e-3,
+        architecture: quick().architecture,
+        ..ImitationSettings::adapting(&scenario)
+    };
+    let demonstration = Demonstration::new(&settings, 3, None, None).expect("a demonstration");
+    assert_eq!(demonstration.mission, scenario.mission);
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().to_owned();
+    let threads = Threads::default();
+    let half = ImitationSettings {
+        steps: 60,
+        final_rate_fraction: 1.0,
+        ..settings.clone()
+    };
+    let mut run = Imitation::start(half, None, path.clone(), threads).expect("starts");
+    let first = run.run(false).expect("runs").expect("evaluated");
+    let mut run = Imitation::resume(path.clone(), Some(120), None, threads).expect("resumes");
+    let best = run.run(false).expect("runs").expect("evaluated");
+    assert!(best >= first && best > 0.8, "{first} {best}");
+    let network = TrainedNetwork::read(&path.join("checkpoint.bin"), false).expect("saved");
+    assert_eq!(network.provenance.missions, "one");
+    let unknown = ImitationSettings {
+        scenario: Some("slots = 3".into()),
+        ..settings
+    };
+    assert!(Imitation::start(unknown, None, path, threads).is_err());
 }
 
 /// The network that flies computes what the network that learns does, in 10 states of each of 20

@@ -15,7 +15,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"UAVI";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 
 /// The best network so far.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -76,12 +76,16 @@ impl TrainedNetwork {
         let saved = Saved::read(path)?;
         let best = saved.best.filter(|_| !latest);
         let text = "a provenance is bounded";
+        let missions = match saved.settings.scenario {
+            Some(_) => "one",
+            None => "random",
+        };
         Ok(Self {
             architecture: saved.settings.architecture,
             parameters: best.map_or(saved.parameters, |best| best.parameters),
             provenance: SetsProvenance {
                 algorithm: "imitation".try_into().ok().context(text)?,
-                missions: "random".try_into().ok().context(text)?,
+                missions: missions.try_into().ok().context(text)?,
                 episodes: saved.demonstrations.len().try_into()?,
                 seed: saved.settings.seed,
             },
