@@ -1,7 +1,9 @@
 //! The settings of a run.
 
 use anyhow::anyhow;
-use scenario::{HostMission, Scenario, random};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use scenario::{HostMission, Layout, Scenario, random};
 use serde::{Deserialize, Serialize};
 
 use crate::nn::sets::Architecture;
@@ -47,6 +49,9 @@ pub struct ImitationSettings {
     pub disturbance: f64,
     /// The sizes of the network.
     pub architecture: Architecture,
+    /// The fraction of missions whose users and sensors are both drawn anywhere in the area. They are
+    /// the hardest, and the distribution has one in 25.
+    pub uniform_fraction: f64,
     /// The only mission of a run that adapts a network to it, as a scenario file; without it, missions
     /// are drawn at random.
     #[serde(default)]
@@ -78,6 +83,7 @@ impl Default for ImitationSettings {
             disturbed_fraction: 0.6,
             disturbance: 0.35,
             architecture: Architecture::default(),
+            uniform_fraction: 0.35,
             scenario: None,
             held_out_missions: 60,
             evaluate_every: 1_000,
@@ -109,7 +115,11 @@ impl ImitationSettings {
     pub fn mission(&self, seed: u64) -> anyhow::Result<HostMission> {
         let scenario = match &self.scenario {
             Some(text) => Scenario::parse("scenario", text),
-            None => random(seed, None),
+            None => {
+                let mut rng = Pcg64Mcg::seed_from_u64(seed);
+                let uniform = rng.random_bool(self.uniform_fraction);
+                random(seed, uniform.then_some(Layout::Uniform))
+            }
         };
         Ok(scenario.map_err(|error| anyhow!(error))?.mission)
     }
@@ -145,6 +155,10 @@ impl ImitationSettings {
             (
                 self.learning_rate > 0.0 && self.learning_rate.is_finite(),
                 "learning_rate must be above 0",
+            ),
+            (
+                (0.0..=1.0).contains(&self.uniform_fraction),
+                "uniform_fraction must be 0 to 1",
             ),
             (self.first_missions > 0, "first_missions must be above 0"),
             (

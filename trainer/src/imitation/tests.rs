@@ -218,6 +218,23 @@ fn a_resumed_run_has_the_same_bytes() {
     assert_eq!((run.network().export(), metrics), whole);
 }
 
+/// Missions are those of the distribution, and as many as asked for have the hardest layout.
+#[test]
+fn a_fraction_of_the_missions_is_uniform() {
+    let settings = ImitationSettings {
+        uniform_fraction: 0.5,
+        ..quick()
+    };
+    let is = |seed: u64, layout| {
+        let expected = scenario::random(seed, layout).expect("a mission").mission;
+        settings.mission(seed).expect("a mission") == expected
+    };
+    let uniform = |&seed: &u64| is(seed, Some(scenario::Layout::Uniform));
+    let count = (9_000..9_060).filter(uniform).count();
+    assert!((20..=40).contains(&count), "{count}");
+    assert!((9_000..9_060).all(|seed| uniform(&seed) || is(seed, None)));
+}
+
 /// A run for one mission learns from it alone, comes nearer to its plan, and can be resumed.
 #[test]
 fn a_network_is_adapted_to_one_mission() {
