@@ -51,9 +51,10 @@ pub(crate) struct RunArguments {
     mission: ScenarioChoice,
     /// The policy: shipped (the policy that was trained for a shipped scenario, plan for any other
     /// scenario), plan (the onboard planner), plan-once[:SECONDS] (its plan from before take-off, made
-    /// within this time, and not improved in flight), straight-line, fixed, search, a file:
-    /// .onnx or .policy (a trained policy), .csv or .plan (planned waypoints), or a directory of
-    /// .onnx files, one of which was trained for the mission
+    /// within this time, and not improved in flight), any (the shipped policy that was trained for any
+    /// mission), straight-line, fixed, search, a file: .onnx or .policy (a trained policy), .csv or
+    /// .plan (planned waypoints), or a directory of .onnx files, one of which was trained for the
+    /// mission
     #[arg(long, default_value = "shipped")]
     policy: PolicyChoice,
     /// How the powers of a slot are allocated: exact, alternating (the paper's Alg. 1), or one of the
