@@ -73,9 +73,9 @@ def main() -> None:
     def note(what, got, expected, full_scale):
         worst[what] = max(worst[what], error(got, expected, full_scale))
 
+    scale = max(1.0, max(abs(score) for state in states for score in state["user_scores"]))
     for index, state in enumerate(states):
         reach_m = state["mission"][names.index("reach_m")]
-        scale = max(1.0, max(abs(score) for score in state["user_scores"]))
         inputs = inputs_of(state)
         displacement, scores = run(inputs)
         note("displacement", displacement, state["displacement"], reach_m)

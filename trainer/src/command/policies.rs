@@ -29,7 +29,7 @@ use rand_pcg::Pcg64Mcg;
 use scenario::{Scenario, ScenarioChoice};
 use serde::Serialize;
 #[cfg(feature = "onnx")]
-use trainer::imitation::states::difference;
+use trainer::imitation::states::Difference;
 use trainer::{
     checkpoint,
     evaluate::{Flight, fly},
@@ -240,36 +240,49 @@ fn write_line(out: &mut impl Write, line: &impl Serialize) -> anyhow::Result<()>
 #[cfg(feature = "onnx")]
 const TOLERANCE: f32 = 1e-5;
 
-/// Fails where tract does not agree.
+/// The network by tract, and how far it differs from that on a microcontroller.
 #[cfg(feature = "onnx")]
-fn agree(
-    tract: &mut SetsOnnx,
-    sets: &SetsObservation,
-    expected: &SetsOutput,
-) -> anyhow::Result<()> {
-    let got = tract.evaluate(sets).context("tract cannot evaluate it")?;
-    let reach = sets::MISSION_COLUMN_NAMES
-        .iter()
-        .position(|&name| name == "reach_m");
-    let reach_m = reach.and_then(|column| sets.mission.get(column));
-    let reach_m = reach_m.context("an observation has a reach")?;
-    let difference = difference(&got, expected, *reach_m);
-    ensure!(
-        difference <= TOLERANCE,
-        "tract differs by {difference:e} of full scale: {got:?}, but expected {expected:?}"
-    );
-    Ok(())
+struct ByTract {
+    network: SetsOnnx,
+    difference: Difference,
+}
+
+#[cfg(feature = "onnx")]
+impl ByTract {
+    fn note(&mut self, sets: &SetsObservation, expected: &SetsOutput) -> anyhow::Result<()> {
+        let got = self
+            .network
+            .evaluate(sets)
+            .context("tract cannot evaluate it")?;
+        let columns = sets::MISSION_COLUMN_NAMES.iter().zip(&sets.mission);
+        let mut reach = columns.filter(|(name, _)| **name == "reach_m");
+        let (_, reach_m) = reach.next().context("an observation has a reach")?;
+        self.difference.note(&got, expected, *reach_m);
+        Ok(())
+    }
+
+    fn check(&self) -> anyhow::Result<()> {
+        let difference = self.difference.of_full_scale();
+        ensure!(
+            difference <= TOLERANCE,
+            "tract differs by {difference:e} of full scale, more than {TOLERANCE:e}"
+        );
+        Ok(())
+    }
 }
 
 impl Probe {
     #[cfg(feature = "onnx")]
-    fn by_tract(&self) -> anyhow::Result<Option<SetsOnnx>> {
+    fn by_tract(&self) -> anyhow::Result<Option<ByTract>> {
         if !self.tract {
             return Ok(None);
         }
         let name = || self.onnx.display().to_string();
         let file = input::read(&self.onnx).with_context(name)?;
-        SetsOnnx::load(&file).map(Some).with_context(name)
+        Ok(Some(ByTract {
+            network: SetsOnnx::load(&file).with_context(name)?,
+            difference: Difference::default(),
+        }))
     }
 
     pub(crate) fn execute(self) -> Outcome {
@@ -312,7 +325,7 @@ impl Probe {
             let output = output.context("the network cannot be evaluated")?;
             #[cfg(feature = "onnx")]
             if let Some(tract) = &mut tract {
-                agree(tract, sets, &output)?;
+                tract.note(sets, &output)?;
             }
             let line = SetsProbeLine {
                 mission: &sets.mission,
@@ -324,6 +337,10 @@ impl Probe {
             write_line(&mut out, &line)
         });
         written.map_err(Failure::Failed)?;
+        #[cfg(feature = "onnx")]
+        if let Some(tract) = &tract {
+            tract.check().map_err(Failure::Failed)?;
+        }
         out.flush().map_err(|error| Failure::Failed(error.into()))
     }
 }

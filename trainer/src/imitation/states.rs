@@ -65,20 +65,37 @@ pub fn random_states(
     Ok(())
 }
 
-/// Returns the largest difference of two outputs, in units of full scale: the reach, and the largest
-/// score, at least 1. A NaN is no agreement.
-pub fn difference(got: &SetsOutput, expected: &SetsOutput, reach_m: f32) -> f32 {
-    let scores = expected.user_scores.iter();
-    let score_scale = scores.fold(1.0_f32, |a, b| a.max(b.abs()));
-    let displacements = got.displacement_m.iter().zip(&expected.displacement_m);
-    let displacements = displacements.map(|(a, b)| (a - b).abs() / reach_m);
-    let scores = got.user_scores.iter().zip(&expected.user_scores);
-    let scores = scores.map(|(a, b)| (a - b).abs() / score_scale);
-    displacements.chain(scores).fold(0.0, |worst, x| {
-        if x.is_finite() {
-            worst.max(x)
-        } else {
-            f32::INFINITY
+/// How far two evaluations of a network differ over many states.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Difference {
+    /// Of the displacement, in units of the reach.
+    displacement: f32,
+    /// Of the scores.
+    scores: f32,
+    /// The largest magnitude of a score.
+    largest_score: f32,
+}
+
+impl Difference {
+    /// Takes the outputs for a state into account. A NaN is no agreement.
+    pub fn note(&mut self, got: &SetsOutput, expected: &SetsOutput, reach_m: f32) {
+        let worst = |worst: f32, x: f32| match x.is_finite() {
+            true => worst.max(x),
+            false => f32::INFINITY,
+        };
+        for (got, expected) in got.displacement_m.iter().zip(&expected.displacement_m) {
+            self.displacement = worst(self.displacement, (got - expected).abs() / reach_m);
         }
-    })
+        for (got, expected) in got.user_scores.iter().zip(&expected.user_scores) {
+            self.scores = worst(self.scores, (got - expected).abs());
+            self.largest_score = self.largest_score.max(expected.abs());
+        }
+    }
+
+    /// Returns the largest difference in units of full scale: the reach, and the largest score of all
+    /// states, at least 1.
+    pub fn of_full_scale(&self) -> f32 {
+        self.displacement
+            .max(self.scores / self.largest_score.max(1.0))
+    }
 }
