@@ -1,5 +1,9 @@
-//! The loss: four times the squared error of the displacement, and the cross entropy of the users'
-//! scores among the users that may be served.
+//! The loss: the length of the error of the displacement, and the cross entropy of the users' scores
+//! among the users that may be served.
+//!
+//! Where two ways are equally good, the planner takes one in some states and the other in states that
+//! look alike. The least *squared* error is then at the mean of the two, which is on neither. The
+//! least length is at their median: on the way that is taken more often.
 
 use super::sample::Labels;
 use crate::nn::sets::{
@@ -7,8 +11,10 @@ use crate::nn::sets::{
     heads::{OutputGradients, Outputs},
 };
 
-/// The weight of the displacement's squared error.
-const DISPLACEMENT_WEIGHT: f32 = 4.0;
+/// The weight of the length of the displacement's error.
+const DISPLACEMENT_WEIGHT: f32 = 2.0;
+/// The length below which an error counts by its square, in units of the way of a slot.
+const SMALL_ERROR: f32 = 0.1;
 /// The names of the numbers that [`imitation`] reports.
 pub const NAMES: [&str; 3] = [
     "losses/displacement_mse",
@@ -29,7 +35,10 @@ pub fn imitation(
         let (v, target) = (outputs.displacement[state], labels.displacements[state]);
         let error = [v[0] - target[0], v[1] - target[1]];
         losses[0] += f64::from(error[0] * error[0] + error[1] * error[1]);
-        gradient.displacement[state] = error.map(|error| 2.0 * DISPLACEMENT_WEIGHT * error);
+        // The gradient of sqrt(||error||^2 + SMALL_ERROR^2).
+        let squares = error[0] * error[0] + error[1] * error[1] + SMALL_ERROR * SMALL_ERROR;
+        let length = squares.sqrt();
+        gradient.displacement[state] = error.map(|error| DISPLACEMENT_WEIGHT * error / length);
 
         let users = batch.users_of(state);
         let scores = &outputs.scores[users.clone()];

@@ -12,7 +12,10 @@ use super::columns::{MISSION_COLUMNS, PLACES, SENSOR_COLUMNS, USER_COLUMNS};
 pub const MISSION_FEATURES: usize = 20 + 2 * PLACES - 1;
 
 /// The number of features of a user.
-pub const USER_FEATURES: usize = 10 + 2 * PLACES - 1;
+pub const USER_FEATURES: usize = 10 + 2 * PLACES - 1 + ABOVE;
+
+/// The number of rates with the vehicle above a user.
+const ABOVE: usize = 2;
 
 /// The number of features of a sensor.
 pub const SENSOR_FEATURES: usize = 4;
@@ -114,6 +117,8 @@ pub fn user_features(
         quota_slots,
         admissible,
         ref rates @ ..,
+        rate_above,
+        best_rate_above,
     ] = user;
     let slots_left = slots_left.max(1.0);
     let quota_or_one = quota_slots.max(1.0);
@@ -131,7 +136,10 @@ pub fn user_features(
         admissible,
         limited(slots_served / quota_or_one),
     ];
-    joined(&numbers, &rate_features(rates, slot_rate_limit))
+    let around: [f32; 2 * PLACES - 1] = rate_features(rates, slot_rate_limit);
+    let above = [rate_above, best_rate_above].map(|rate| rate_fraction(rate, slot_rate_limit));
+    let rates: [f32; 2 * PLACES - 1 + ABOVE] = joined(&around, &above);
+    joined(&numbers, &rates)
 }
 
 /// Returns the features of a sensor.
@@ -149,11 +157,15 @@ fn place_features([east_m, north_m]: [f32; 2]) -> [f32; 3] {
 /// Returns the rates at the places as fractions of the limit, and how much they differ from the
 /// rate at the first.
 fn rate_features(rates: &[f32; PLACES], slot_rate_limit: f32) -> [f32; 2 * PLACES - 1] {
-    let limit = slot_rate_limit.max(RATE_LIMIT_MIN);
-    let fractions = rates.map(|rate| limited(rate / limit));
+    let fractions = rates.map(|rate| rate_fraction(rate, slot_rate_limit));
     let [here, around @ ..] = fractions;
     let differences = around.map(|fraction| limited(DIFFERENCE_FACTOR * (fraction - here)));
     joined(&fractions, &differences)
+}
+
+/// Returns a rate as a fraction of the limit.
+fn rate_fraction(rate: f32, slot_rate_limit: f32) -> f32 {
+    limited(rate / slot_rate_limit.max(RATE_LIMIT_MIN))
 }
 
 fn length([x, y]: [f32; 2]) -> f32 {

@@ -61,8 +61,8 @@ mod policy;
 
 pub use architecture::{Architecture, HEADS, HIDDEN_MAX, LAYERS_MAX, WIDTH_MAX};
 pub use columns::{
-    MISSION_COLUMN_NAMES, MISSION_COLUMNS, PLACES, SENSOR_COLUMN_NAMES, SENSOR_COLUMNS, SENSORS,
-    USER_COLUMN_NAMES, USER_COLUMNS, USERS,
+    MISSION_COLUMN_NAMES, MISSION_COLUMNS, PLACES, RINGS, SENSOR_COLUMN_NAMES, SENSOR_COLUMNS,
+    SENSORS, USER_COLUMN_NAMES, USER_COLUMNS, USERS,
 };
 pub use error::{SetsLoadError, SetsWriteError};
 pub use format::{FORMAT_VERSION, Precision, SetsHeader, SetsProvenance, write};

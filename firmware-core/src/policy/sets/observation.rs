@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 //! The observation of a mission as sets.
 
-use super::columns::{MISSION_COLUMNS, PLACES, SENSOR_COLUMNS, SENSORS, USER_COLUMNS, USERS};
+use super::columns::{
+    MISSION_COLUMNS, PLACES, RINGS, SENSOR_COLUMNS, SENSORS, USER_COLUMNS, USERS,
+};
 use crate::{
     inner::{SlotLimits, Workspace},
     mission::Mission,
@@ -21,9 +23,8 @@ const POWER_GAIN_MIN: f64 = 1e-30;
 /// `1 / sqrt(2)`.
 const DIAGONAL: f64 = core::f64::consts::FRAC_1_SQRT_2;
 
-/// The directions of the [`PLACES`], east and north.
-const DIRECTIONS: [[f64; 2]; PLACES] = [
-    [0.0, 0.0],
+/// The directions of the places on a ring, east and north.
+const DIRECTIONS: [[f64; 2]; 8] = [
     [1.0, 0.0],
     [DIAGONAL, DIAGONAL],
     [0.0, 1.0],
@@ -72,7 +73,8 @@ impl SetsObservation {
     /// All columns are finite if the position is. Users beyond the first [`USERS`] that are there
     /// and sensors beyond the first [`SENSORS`] have no row.
     ///
-    /// Worst case: `9 (M + J)` evaluations of the channel model, and 9 sorts of `J` sensors.
+    /// Worst case: `(25 + M) (M + J)` evaluations of the channel model, and `25 + M` sorts of `J`
+    /// sensors.
     pub fn new<T: Scalar, const M: usize, const J: usize>(
         mission: &Mission<T, M, J>,
         observation: &Observation<'_, T>,
@@ -178,16 +180,31 @@ impl SetsObservation {
             *received_snr_db = single(full_power_db + decibels(gain));
             self.sensor_count += 1;
         }
-        for (index, direction) in DIRECTIONS.into_iter().enumerate() {
-            let step = Displacement::from(direction.map(T::of)) * reach_m;
+        let users = || mission.users().map(|(user, _)| user);
+        for (index, offset) in places().enumerate() {
+            let step = Displacement::from(offset.map(T::of)) * reach_m;
             let place = p.area.nearest(&(here + step));
             let mut rows = self.users.iter_mut();
-            let users = mission.users().map(|(user, _)| user);
-            rates.each(&place, users, |_, rate| {
-                if let Some([_, _, _, _, _, rates @ ..]) = rows.next()
+            rates.each(&place, users(), |_, rate| {
+                if let Some([_, _, _, _, _, rates @ .., _, _]) = rows.next()
                     && let Some(entry) = rates.get_mut(index)
                 {
                     *entry = single(rate);
+                }
+            });
+        }
+        let admissible = self.users.map(|[_, _, _, _, admissible, ..]| admissible);
+        let rows = self.users.iter_mut().enumerate();
+        for ((_, ground), (index, row)) in mission.users().zip(rows) {
+            let [.., own, best] = row;
+            let mut flags = admissible.iter().enumerate();
+            rates.each(&p.area.nearest(ground), users(), |_, rate| {
+                if let Some((other, admissible)) = flags.next() {
+                    let rate = single(rate);
+                    *best = best.max(admissible * rate);
+                    if other == index {
+                        *own = rate;
+                    }
                 }
             });
         }
@@ -229,7 +246,7 @@ impl SetsObservation {
             dbm(p.sensor_power_max),
         ];
         let mut best = [0.0_f32; PLACES];
-        for &[_, _, _, _, admissible, ref rates @ ..] in self.user_rows() {
+        for &[_, _, _, _, admissible, ref rates @ .., _, _] in self.user_rows() {
             for (best, &rate) in best.iter_mut().zip(rates) {
                 *best = best.max(admissible * rate);
             }
@@ -238,6 +255,12 @@ impl SetsObservation {
             *column = number;
         }
     }
+}
+
+/// Returns the places relative to the vehicle, in units of the reach, east and north.
+fn places() -> impl Iterator<Item = [f64; 2]> {
+    let on = |radius: f64| DIRECTIONS.map(|direction| direction.map(|x| radius * x));
+    core::iter::once([0.0, 0.0]).chain(RINGS.into_iter().flat_map(on))
 }
 
 /// Returns the number of slots that are done.

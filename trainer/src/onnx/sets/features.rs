@@ -36,7 +36,7 @@ fn mission_columns(value: &str) -> Columns<'_> {
     Columns { value, names }
 }
 
-/// Returns the features of the mission, \[1, 1, 37\], from `mission`, \[1, 1, 28\].
+/// Returns the features of the mission, \[1, 1, 69\], from `mission`, \[1, 1, 44\].
 pub(super) fn mission(g: &mut Operators, mission: &str) -> String {
     let columns = mission_columns(mission);
     let offset = columns.columns(g, "destination_east_m", 2);
@@ -89,7 +89,7 @@ pub(super) fn mission(g: &mut Operators, mission: &str) -> String {
     joined(g, &parts)
 }
 
-/// Returns the features of all users, \[1, 16, 27\], from `mission` and `users`, \[1, 16, 14\].
+/// Returns the features of all users, \[1, 16, 61\], from `mission` and `users`, \[1, 16, 32\].
 pub(super) fn users(g: &mut Operators, mission: &str, users: &str) -> String {
     let mission = mission_columns(mission);
     let columns = Columns {
@@ -126,6 +126,8 @@ pub(super) fn users(g: &mut Operators, mission: &str, users: &str) -> String {
     let limit = mission.column(g, "slot_rate_limit");
     let here_and_around = columns.columns(g, "rate_here", PLACES);
     parts.extend(rates(g, &here_and_around, &limit));
+    let above = columns.columns(g, "rate_above", 2);
+    parts.push(rate_fractions(g, &above, &limit));
     joined(g, &parts)
 }
 
@@ -153,14 +155,19 @@ fn place(g: &mut Operators, offset: &str) -> [String; 2] {
 
 /// Returns the rates as fractions of the limit, and their differences from the first.
 fn rates(g: &mut Operators, rates: &str, limit: &str) -> [String; 2] {
-    let fractions = g.divide_at_least(rates, limit, RATE_LIMIT_MIN);
-    let fractions = g.clip(&fractions);
+    let fractions = rate_fractions(g, rates, limit);
     let here = g.slice(&fractions, COLUMNS, 0, 1);
     let around = g.slice(&fractions, COLUMNS, 1, PLACES as i64);
     let differences = g.apply("Sub", &[&around, &here]);
     let differences = g.with_number("Mul", &differences, DIFFERENCE_FACTOR);
     let differences = g.clip(&differences);
     [fractions, differences]
+}
+
+/// Returns rates as fractions of the limit.
+fn rate_fractions(g: &mut Operators, rates: &str, limit: &str) -> String {
+    let fractions = g.divide_at_least(rates, limit, RATE_LIMIT_MIN);
+    g.clip(&fractions)
 }
 
 /// Returns `clip(input / unit)`.

@@ -3,13 +3,12 @@
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use std::{format, vec::Vec as StdVec};
+use std::{format, string::String, vec::Vec as StdVec};
 
 use super::missions::{mission, parameters, state};
 use crate::policy::sets::{features::*, *};
 
-const PLACE_NAMES: [&str; PLACES] = [
-    "here",
+const DIRECTIONS: [&str; 8] = [
     "east",
     "north_east",
     "north",
@@ -19,6 +18,12 @@ const PLACE_NAMES: [&str; PLACES] = [
     "south",
     "south_east",
 ];
+
+fn place_names() -> StdVec<String> {
+    let ring = |suffix: &'static str| DIRECTIONS.map(|name| format!("{name}{suffix}"));
+    let rings = ["", "_3", "_8"].into_iter().flat_map(ring);
+    std::iter::once("here".into()).chain(rings).collect()
+}
 
 /// A row of columns, by their names, in double precision.
 struct Row<'a>(&'a [&'a str], &'a [f32]);
@@ -31,9 +36,9 @@ impl Row<'_> {
 
     /// The features of the rates, whose columns begin with `prefix`.
     fn rates(&self, prefix: &str, limit: f64) -> StdVec<f64> {
-        let rate = |place: &&str| self.get(&format!("{prefix}{place}"));
+        let rate = |place: &String| self.get(&format!("{prefix}{place}"));
         let fraction = |place| clip(rate(place) / limit.max(1e-6));
-        let fractions: StdVec<f64> = PLACE_NAMES.iter().map(fraction).collect();
+        let fractions: StdVec<f64> = place_names().iter().map(fraction).collect();
         let differences = fractions[1..]
             .iter()
             .map(|f| clip(5.0 * (f - fractions[0])));
@@ -111,6 +116,8 @@ fn features_are_those_of_the_documentation() {
                 clip(served / quota.max(1.0)),
             ]);
             expected.extend(u.rates("rate_", limit));
+            let above = ["rate_above", "best_rate_above"];
+            expected.extend(above.map(|name| clip(u.get(name) / limit.max(1e-6))));
             assert_equal(&user_features(&observation.mission, user), &expected);
         }
         for sensor in observation.sensor_rows() {

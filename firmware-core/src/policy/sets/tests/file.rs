@@ -290,7 +290,7 @@ fn other_columns_are_refused() {
     let error = load(sealed(other)).expect_err("other columns").to_string();
     assert_eq!(
         error,
-        "the policy observes 29 columns of a mission, but this build has 28"
+        "the policy observes 45 columns of a mission, but this build has 44"
     );
     let mut other = sound.clone();
     other[columns + 3] = 17;

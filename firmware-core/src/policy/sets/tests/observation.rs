@@ -3,7 +3,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use std::{collections::HashSet, vec::Vec as StdVec};
+use std::{collections::HashSet, format, string::String, vec::Vec as StdVec};
 
 use super::missions::{State, TestMission, TestParameters, mission, parameters, state};
 use crate::{
@@ -95,28 +95,34 @@ fn columns_are_what_their_names_say() {
     ] {
         assert_close(column(&observation, name), expected, 1e-6);
     }
-    let around = |angle: f64| {
+    let at = |radius_m: f64, angle: f64| {
         let (sin, cos) = angle.to_radians().sin_cos();
         Position::new(
-            (990.0 + 30.0 * cos).min(1000.0),
-            (940.0 + 30.0 * sin).min(1000.0),
+            (990.0 + radius_m * cos).clamp(0.0, 1000.0),
+            (940.0 + radius_m * sin).clamp(0.0, 1000.0),
         )
     };
-    let places = [
-        ("here", Position::new(990.0, 940.0)),
-        ("east", around(0.0)),
-        ("north_east", around(45.0)),
-        ("north", around(90.0)),
-        ("north_west", around(135.0)),
-        ("west", around(180.0)),
-        ("south_west", around(225.0)),
-        ("south", around(270.0)),
-        ("south_east", around(315.0)),
+    let directions = [
+        "east",
+        "north_east",
+        "north",
+        "north_west",
+        "west",
+        "south_west",
+        "south",
+        "south_east",
     ];
+    let mut places = std::vec![(String::from("here"), Position::new(990.0, 940.0))];
+    for (suffix, radius_m) in [("", 30.0), ("_3", 90.0), ("_8", 240.0)] {
+        for (direction, angle) in directions.iter().zip((0..).map(|n| 45.0 * f64::from(n))) {
+            places.push((format!("{direction}{suffix}"), at(radius_m, angle)));
+        }
+    }
+    assert_eq!(places.len(), PLACES);
     for (name, place) in places {
         let rates: StdVec<f64> = (0..15).map(|user| rate(&mission, user, place)).collect();
         for (user, &rate) in rates.iter().enumerate() {
-            let got = user_column(&observation, user, &std::format!("rate_{name}"));
+            let got = user_column(&observation, user, &format!("rate_{name}"));
             assert_close(got, rate, 1e-6);
         }
         // All slots that are left are owed: to four users.
@@ -124,7 +130,7 @@ fn columns_are_what_their_names_say() {
             .map(|user| rates[user])
             .into_iter()
             .fold(0.0, f64::max);
-        let got = column(&observation, &std::format!("best_rate_{name}"));
+        let got = column(&observation, &format!("best_rate_{name}"));
         assert_close(got, best, 1e-6);
         assert!(best > 0.0);
     }
@@ -136,6 +142,10 @@ fn columns_are_what_their_names_say() {
         assert_eq!(got("quota_slots"), 4.0);
         let owed = [0, 3, 7, 8].contains(&user);
         assert_eq!(got("admissible"), f32::from(u8::from(owed)));
+        assert_close(got("rate_above"), rate(&mission, user, *ground), 1e-6);
+        let best = [0, 3, 7, 8].map(|other| rate(&mission, other, *ground));
+        let best = best.into_iter().fold(0.0, f64::max);
+        assert_close(got("best_rate_above"), best, 1e-6);
     }
     for (sensor, ground) in mission.sensors() {
         let [east_m, north_m, received_snr_db] = observation.sensors[sensor];
