@@ -168,7 +168,7 @@ impl Imitation {
         };
         let network = load(&saved.parameters)?;
         let pilot = saved.pilot.as_deref().map(load).transpose()?;
-        let restore = |(seed, examples)| Demonstration::restored(&settings, seed, examples);
+        let restore = |saved| Demonstration::restored(&settings, saved);
         let demonstrations: anyhow::Result<Vec<_>> =
             saved.demonstrations.into_iter().map(restore).collect();
         let ready: anyhow::Result<VecDeque<_>> = saved.ready.into_iter().map(restore).collect();
@@ -380,8 +380,10 @@ impl Imitation {
         metrics::write_csv(&self.directory.join(METRICS), &self.rows)?;
         let seconds = self.seconds();
         let (ready, next) = self.queue.settle()?;
-        let state =
-            |demonstration: &Demonstration| (demonstration.seed, demonstration.examples.clone());
+        let state = |demonstration: &Demonstration| {
+            let Demonstration { seed, weight, .. } = *demonstration;
+            (seed, weight, demonstration.examples.clone())
+        };
         let saved = Saved {
             settings: self.settings.clone(),
             step: self.step,

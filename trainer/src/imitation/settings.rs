@@ -1,12 +1,18 @@
 //! The settings of a run.
 
+use std::ops::Range;
+
 use anyhow::anyhow;
+use firmware_core::{Mission, Watt};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use scenario::{HostMission, Layout, Scenario, random};
 use serde::{Deserialize, Serialize};
 
 use crate::nn::sets::Architecture;
+
+/// The noise of missions with high noise, dBm.
+pub const HIGH_NOISE_DBM: Range<f64> = -88.0..-83.0;
 
 /// Seeds of runs are below this number: their missions have seeds of their own, apart from those of
 /// the benchmark (`demonstration::mission_seed`).
@@ -52,6 +58,9 @@ pub struct ImitationSettings {
     /// The fraction of missions whose users and sensors are both drawn anywhere in the area. They are
     /// the hardest, and the distribution has one in 25.
     pub uniform_fraction: f64,
+    /// The fraction of missions whose noise is drawn from [`HIGH_NOISE_DBM`]. With much noise, rates
+    /// depend on the position more than anywhere else, and the distribution ends at -85 dBm.
+    pub high_noise_fraction: f64,
     /// The only mission of a run that adapts a network to it, as a scenario file; without it, missions
     /// are drawn at random.
     #[serde(default)]
@@ -76,14 +85,15 @@ impl Default for ImitationSettings {
             final_rate_fraction: 0.02,
             gradient_norm_max: 1.0,
             first_missions: 16,
-            steps_per_mission: 3,
+            steps_per_mission: 6,
             planning_operations: 150_000_000,
-            correction_operations: 1_000_000,
+            correction_operations: 5_000_000,
             own_flights_from: 1_000,
             disturbed_fraction: 0.6,
             disturbance: 0.35,
             architecture: Architecture::default(),
             uniform_fraction: 0.35,
+            high_noise_fraction: 0.2,
             scenario: None,
             held_out_missions: 60,
             evaluate_every: 1_000,
@@ -113,15 +123,22 @@ impl ImitationSettings {
     /// # Errors
     /// Fails if the scenario is invalid, or if the seed gives no mission.
     pub fn mission(&self, seed: u64) -> anyhow::Result<HostMission> {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let scenario = match &self.scenario {
             Some(text) => Scenario::parse("scenario", text),
             None => {
-                let mut rng = Pcg64Mcg::seed_from_u64(seed);
                 let uniform = rng.random_bool(self.uniform_fraction);
                 random(seed, uniform.then_some(Layout::Uniform))
             }
         };
-        Ok(scenario.map_err(|error| anyhow!(error))?.mission)
+        let mission = scenario.map_err(|error| anyhow!(error))?.mission;
+        if self.scenario.is_some() || !rng.random_bool(self.high_noise_fraction) {
+            return Ok(mission);
+        }
+        let mut parameters = mission.parameters().clone();
+        parameters.noise_power = Watt::from_dbm(rng.random_range(HIGH_NOISE_DBM));
+        // Rates at this noise may be too low everywhere to be worth a mission.
+        Ok(Mission::new(parameters).unwrap_or(mission))
     }
 
     /// Returns the learning rate after `steps`, of which `fraction` (0 to 1) of the run consists: a
@@ -159,6 +176,10 @@ impl ImitationSettings {
             (
                 (0.0..=1.0).contains(&self.uniform_fraction),
                 "uniform_fraction must be 0 to 1",
+            ),
+            (
+                (0.0..=1.0).contains(&self.high_noise_fraction),
+                "high_noise_fraction must be 0 to 1",
             ),
             (self.first_missions > 0, "first_missions must be above 0"),
             (

@@ -15,7 +15,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"UAVI";
-const VERSION: u16 = 2;
+const VERSION: u16 = 3;
 
 /// The best network so far.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -38,10 +38,10 @@ pub(super) struct Saved {
     pub(super) seconds: f64,
     pub(super) adam: Adam,
     pub(super) rng: Pcg64Mcg,
-    /// Seeds and examples of the missions.
-    pub(super) demonstrations: Vec<(u64, Vec<Example>)>,
+    /// Seeds, weights and examples of the missions.
+    pub(super) demonstrations: Vec<(u64, f64, Vec<Example>)>,
     /// Those that have been made but not learned from.
-    pub(super) ready: Vec<(u64, Vec<Example>)>,
+    pub(super) ready: Vec<(u64, f64, Vec<Example>)>,
     pub(super) next: u64,
     pub(super) pilot: Option<Vec<f32>>,
     pub(super) rows: Vec<MetricsRow>,
