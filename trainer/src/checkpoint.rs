@@ -5,7 +5,7 @@
 //! postcard format. Checkpoints are taken between episodes, so they do not contain the state of the
 //! environments.
 
-use std::{fs, path::Path};
+use std::{fs, ops::RangeInclusive, path::Path};
 
 use anyhow::{Context, bail, ensure};
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -153,7 +153,19 @@ fn peek(bytes: &[u8]) -> anyhow::Result<TrainingProgress> {
 ///
 /// # Errors
 /// Fails if the file cannot be read, is no such file, has another version, or is damaged.
-pub(crate) fn read_checked(path: &Path, magic: [u8; 4], version: u16) -> anyhow::Result<Vec<u8>> {
+fn read_checked(path: &Path, magic: [u8; 4], version: u16) -> anyhow::Result<Vec<u8>> {
+    read_checked_within(path, magic, version..=version).map(|(_, bytes)| bytes)
+}
+
+/// Like [`read_checked`], for a range of versions. Returns the version of the file, too.
+///
+/// # Errors
+/// Like [`read_checked`].
+pub(crate) fn read_checked_within(
+    path: &Path,
+    magic: [u8; 4],
+    versions: RangeInclusive<u16>,
+) -> anyhow::Result<(u16, Vec<u8>)> {
     let name = path.display();
     let bytes = fs::read(path).with_context(|| name.to_string())?;
     if bytes.len() < 10 || bytes[..4] != magic {
@@ -161,9 +173,14 @@ pub(crate) fn read_checked(path: &Path, magic: [u8; 4], version: u16) -> anyhow:
         bail!("{name}: not a checkpoint: it does not start with {magic}");
     }
     let found = u16::from_le_bytes([bytes[4], bytes[5]]);
+    let (first, last) = (versions.start(), versions.end());
     ensure!(
-        found == version,
-        "{name}: checkpoint version is {found}, but this build reads {version}"
+        versions.contains(&found),
+        "{name}: checkpoint version is {found}, but this build reads {}",
+        match first == last {
+            true => first.to_string(),
+            false => format!("{first} to {last}"),
+        }
     );
     let expected = u32::from_le_bytes([bytes[6], bytes[7], bytes[8], bytes[9]]);
     let got = CHECKSUM.checksum(&bytes[10..]);
@@ -171,5 +188,5 @@ pub(crate) fn read_checked(path: &Path, magic: [u8; 4], version: u16) -> anyhow:
         got == expected,
         "{name}: checksum is {got:#010x}, but the file says {expected:#010x}: the file is damaged"
     );
-    Ok(bytes)
+    Ok((found, bytes))
 }

@@ -3,7 +3,7 @@
 use anyhow::anyhow;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use scenario::{HostMission, Layout, Scenario, random};
+use scenario::{DrawnMission, HostMission, Layout, Scenario};
 use serde::{Deserialize, Serialize};
 
 use crate::nn::sets::Architecture;
@@ -11,6 +11,10 @@ use crate::nn::sets::Architecture;
 /// Seeds of runs are below this number: their missions have seeds of their own, apart from those of
 /// the benchmark (`demonstration::mission_seed`).
 const SEED_LIMIT: u64 = u32::MAX as u64;
+
+/// How a file of a network names the distribution of its training missions; the layouts that were
+/// left out follow.
+pub const RANDOM: &str = "random";
 
 /// All settings of an imitation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,12 +54,17 @@ pub struct ImitationSettings {
     /// The sizes of the network.
     pub architecture: Architecture,
     /// The fraction of missions whose users and sensors are both drawn anywhere in the area. They are
-    /// the hardest, and the distribution has one in 25.
+    /// the hardest, and the distribution has one in 25. Without effect if that layout is left out.
     pub uniform_fraction: f64,
     /// The only mission of a run that adapts a network to it, as a scenario file; without it, missions
     /// are drawn at random.
     #[serde(default)]
     pub scenario: Option<String>,
+    /// Layouts that are not drawn, neither for users nor for sensors, so that the network can be
+    /// evaluated on missions of a kind that it has not learned from. The missions of the run's own
+    /// evaluations have none of them either, since the best network is chosen by these.
+    #[serde(default, with = "layouts_in_text")]
+    pub left_out_layouts: Vec<Layout>,
     /// Number of missions of an evaluation.
     pub held_out_missions: usize,
     /// Number of steps between evaluations.
@@ -85,6 +94,7 @@ impl Default for ImitationSettings {
             architecture: Architecture::default(),
             uniform_fraction: 0.35,
             scenario: None,
+            left_out_layouts: Vec::new(),
             held_out_missions: 60,
             evaluate_every: 1_000,
             report_every: 200,
@@ -108,7 +118,8 @@ impl ImitationSettings {
         }
     }
 
-    /// Returns the mission with a seed: that of the scenario, or one drawn at random.
+    /// Returns the mission with a seed: that of the scenario, or one drawn at random. Draws with a
+    /// layout that is left out are discarded, and the next one of the same seed is taken.
     ///
     /// # Errors
     /// Fails if the scenario is invalid, or if the seed gives no mission.
@@ -117,11 +128,29 @@ impl ImitationSettings {
             Some(text) => Scenario::parse("scenario", text),
             None => {
                 let mut rng = Pcg64Mcg::seed_from_u64(seed);
-                let uniform = rng.random_bool(self.uniform_fraction);
-                random(seed, uniform.then_some(Layout::Uniform))
+                let left_out = &self.left_out_layouts;
+                let uniform =
+                    rng.random_bool(self.uniform_fraction) && !left_out.contains(&Layout::Uniform);
+                let layout = uniform.then_some(Layout::Uniform);
+                DrawnMission::new(seed, layout, left_out).map(|drawn| drawn.scenario)
             }
         };
         Ok(scenario.map_err(|error| anyhow!(error))?.mission)
+    }
+
+    /// Returns the distribution of the missions, for the provenance of the network.
+    pub fn distribution(&self) -> String {
+        if self.scenario.is_some() {
+            return "one".into();
+        }
+        let left_out = Layout::ALL
+            .into_iter()
+            .filter(|layout| self.left_out_layouts.contains(layout));
+        let names: Vec<&str> = left_out.map(Layout::name).collect();
+        match names.is_empty() {
+            true => RANDOM.into(),
+            false => format!("{RANDOM} without {}", names.join(", ")),
+        }
     }
 
     /// Returns the learning rate after `steps`, of which `fraction` (0 to 1) of the run consists: a
@@ -160,6 +189,14 @@ impl ImitationSettings {
                 (0.0..=1.0).contains(&self.uniform_fraction),
                 "uniform_fraction must be 0 to 1",
             ),
+            (
+                (Layout::ALL.iter()).any(|layout| !self.left_out_layouts.contains(layout)),
+                "left_out_layouts must leave at least one layout",
+            ),
+            (
+                self.left_out_layouts.is_empty() || self.scenario.is_none(),
+                "left_out_layouts must be empty if there is a scenario",
+            ),
             (self.first_missions > 0, "first_missions must be above 0"),
             (
                 self.steps_per_mission > 0,
@@ -170,5 +207,32 @@ impl ImitationSettings {
         ];
         let wrong = checks.into_iter().find(|(holds, _)| !holds);
         wrong.map_or(Ok(()), |(_, message)| Err(message.to_owned()))
+    }
+}
+
+/// Writes layouts into formats that name their fields (`settings.toml`) only. In a checkpoint, which
+/// has no names, they follow after everything else, so that those of version 2, which have no such
+/// setting, can still be read (`run::saved`).
+mod layouts_in_text {
+    use scenario::Layout;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(
+        layouts: &[Layout],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        match serializer.is_human_readable() {
+            true => layouts.serialize(serializer),
+            false => ().serialize(serializer),
+        }
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Vec<Layout>, D::Error> {
+        match deserializer.is_human_readable() {
+            true => Vec::deserialize(deserializer),
+            false => <()>::deserialize(deserializer).map(|()| Vec::new()),
+        }
     }
 }
