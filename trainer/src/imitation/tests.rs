@@ -11,10 +11,12 @@ use firmware_core::{
 use pulp::Arch;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use scenario::{DrawnMission, Layout};
 
 use super::{
-    demonstration::Demonstration,
+    demonstration::{Demonstration, mission_seed},
     encoder::{Encoder, FEATURES},
+    held_out::{FIRST_SEED, HeldOut},
     loss,
     policy::SetPolicy,
     run::{Imitation, Threads},
@@ -229,10 +231,107 @@ fn a_fraction_of_the_missions_is_uniform() {
         let expected = scenario::random(seed, layout).expect("a mission").mission;
         settings.mission(seed).expect("a mission") == expected
     };
-    let uniform = |&seed: &u64| is(seed, Some(scenario::Layout::Uniform));
+    let uniform = |&seed: &u64| is(seed, Some(Layout::Uniform));
     let count = (9_000..9_060).filter(uniform).count();
     assert!((20..=40).contains(&count), "{count}");
     assert!((9_000..9_060).all(|seed| uniform(&seed) || is(seed, None)));
+}
+
+/// The missions that results are stated for have other seeds than those that a run learns from or
+/// chooses its best network by.
+#[test]
+fn no_run_learns_from_missions_of_the_benchmark() {
+    let first_of_runs = mission_seed(0, 0);
+    let held_out = FIRST_SEED..FIRST_SEED + 1_000_000;
+    assert!(held_out.end <= first_of_runs);
+    let mut seeds = std::collections::BTreeSet::new();
+    for folder in ["../benchmarks", "../benchmarks/fresh"] {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+        for entry in std::fs::read_dir(folder).expect("a directory") {
+            let path = entry.expect("readable").path();
+            if path.extension().is_some_and(|kind| kind == "toml") {
+                let stem = path.file_stem().and_then(|stem| stem.to_str());
+                let seed = stem.and_then(|stem| stem.strip_prefix("random-"));
+                seeds.insert(seed.and_then(|seed| seed.parse().ok()).expect("a seed"));
+            }
+        }
+    }
+    assert_eq!(seeds.len(), 400);
+    for seed in seeds {
+        assert!(seed < first_of_runs && !held_out.contains(&seed), "{seed}");
+    }
+}
+
+/// A run without some layouts has missions of the others, its own where that has none of them; and
+/// so have the evaluations that its best network is chosen by.
+#[test]
+fn a_run_has_no_missions_with_layouts_that_are_left_out() {
+    let without = |left_out_layouts: &[Layout]| ImitationSettings {
+        left_out_layouts: left_out_layouts.to_vec(),
+        ..quick()
+    };
+    let left_out = [Layout::Ring, Layout::Line];
+    let settings = without(&left_out);
+    let mut unchanged = 0;
+    for index in 0..30 {
+        let seed = mission_seed(settings.seed, index);
+        let mission = settings.mission(seed).expect("a mission");
+        let plain = quick().mission(seed).expect("a mission");
+        let uniform = DrawnMission::new(seed, Some(Layout::Uniform), &[]).expect("a mission");
+        let drawn = DrawnMission::new(seed, None, &left_out).expect("a mission");
+        let layouts = [drawn.layouts.users, drawn.layouts.sensors];
+        assert!(!layouts.iter().any(|layout| left_out.contains(layout)));
+        let is_uniform = plain == uniform.scenario.mission;
+        assert!(mission == drawn.scenario.mission || is_uniform && mission == plain);
+        unchanged += usize::from(mission == plain);
+    }
+    assert!((10..30).contains(&unchanged), "{unchanged}");
+    let flown = |left_out: &[Layout]| {
+        let held_out = HeldOut::new(12, left_out).expect("missions");
+        let network = SetNetwork::new(quick().architecture, FEATURES, 1);
+        let flights = held_out.fly(Arch::new(), &network).expect("flies");
+        let layouts = flights
+            .iter()
+            .filter_map(|flown| flown.properties.layouts)
+            .flat_map(|layouts| [layouts.users, layouts.sensors]);
+        layouts.collect::<Vec<_>>()
+    };
+    assert!(flown(&[]).iter().any(|layout| left_out.contains(layout)));
+    assert!(
+        !flown(&left_out)
+            .iter()
+            .any(|layout| left_out.contains(layout))
+    );
+    // Where no mission is drawn anywhere in the area, none is forced to be.
+    let cornered = without(&[Layout::Uniform, Layout::Ring, Layout::Line]);
+    assert!(cornered.mission(1).is_ok());
+
+    let refused =
+        |settings: ImitationSettings| settings.check().expect_err("it is not valid").to_string();
+    assert!(refused(without(&Layout::ALL)).contains("left_out_layouts must leave"));
+    let scenario = scenario::Scenario::shipped("separated").expect("shipped");
+    let adapting = ImitationSettings {
+        left_out_layouts: vec![Layout::Ring],
+        ..ImitationSettings::adapting(&scenario)
+    };
+    assert!(refused(adapting).contains("left_out_layouts must be empty"));
+    assert_eq!(quick().distribution(), "random");
+    assert_eq!(
+        without(&[Layout::Line, Layout::Ring]).distribution(),
+        "random without ring, line"
+    );
+
+    // A settings file states the layouts; one of earlier versions leaves none out.
+    let text = toml::to_string(&settings).expect("settings");
+    assert!(
+        text.contains(r#"left_out_layouts = ["ring", "line"]"#),
+        "{text}"
+    );
+    assert_eq!(toml::from_str::<ImitationSettings>(&text), Ok(settings));
+    let earlier = toml::to_string(&quick()).expect("settings");
+    let earlier = earlier.replace("left_out_layouts = []\n", "");
+    assert!(!earlier.contains("left_out"), "{earlier}");
+    assert_eq!(toml::from_str::<ImitationSettings>(&earlier), Ok(quick()));
 }
 
 /// A run for one mission learns from it alone, comes nearer to its plan, and can be resumed.
