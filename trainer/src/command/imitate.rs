@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
 use clap::Args;
+use scenario::Layout;
 use trainer::{
     imitation::{
         run::{Imitation, Threads},
@@ -34,6 +35,10 @@ pub(crate) struct ImitationOptions {
         "resume", "algorithm", "preset", "episodes", "discount", "inner", "constraints", "seeds",
     ])]
     from: Option<PathBuf>,
+    /// With --missions random: draw no missions whose users or sensors have this layout, so that the
+    /// network can be evaluated on layouts that it has not learned from; may be given several times
+    #[arg(long, value_enum, value_name = "LAYOUT", requires = "missions")]
+    leave_out: Vec<Layout>,
     /// With --missions random: threads that compute gradients; they change no result
     #[arg(long, default_value_t = 1)]
     gradient_threads: usize,
@@ -70,6 +75,9 @@ impl ImitationOptions {
         if self.has_duration() {
             settings.minutes = self.minutes.unwrap_or(0.0);
             settings.steps = self.steps.unwrap_or(0);
+        }
+        if !self.leave_out.is_empty() {
+            settings.left_out_layouts = self.leave_out.clone();
         }
         let start = || -> anyhow::Result<_> {
             let from = match &self.from {

@@ -231,7 +231,10 @@ impl Imitation {
         let mut events = EventWriter::create(&self.directory)?;
         let held_out = match self.settings.scenario {
             Some(_) => HeldOut::of(self.settings.mission(0)?)?,
-            None => HeldOut::new(self.settings.held_out_missions)?,
+            None => HeldOut::new(
+                self.settings.held_out_missions,
+                &self.settings.left_out_layouts,
+            )?,
         };
         let (first_step, started) = (self.step, Instant::now());
         loop {

@@ -15,7 +15,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"UAVI";
-const VERSION: u16 = 3;
+const VERSION: u16 = 4;
 
 /// The best network so far.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -76,16 +76,13 @@ impl TrainedNetwork {
         let saved = Saved::read(path)?;
         let best = saved.best.filter(|_| !latest);
         let text = "a provenance is bounded";
-        let missions = match saved.settings.scenario {
-            Some(_) => "one",
-            None => "random",
-        };
+        let missions = saved.settings.distribution();
         Ok(Self {
             architecture: saved.settings.architecture,
             parameters: best.map_or(saved.parameters, |best| best.parameters),
             provenance: SetsProvenance {
                 algorithm: "imitation".try_into().ok().context(text)?,
-                missions: missions.try_into().ok().context(text)?,
+                missions: missions.as_str().try_into().ok().context(text)?,
                 episodes: saved.demonstrations.len().try_into()?,
                 seed: saved.settings.seed,
             },
