@@ -60,10 +60,10 @@ fn a_policy_is_trained_resumed_and_exported() {
 
     // Layouts are left out of a run; a network that has learned from them does not begin one.
     let without = |layouts: &[&'static str], rest: &[&'static str]| {
-        let leave_out = layouts.iter().flat_map(|layout| ["--leave-out", layout]);
+        let leave_out = layouts.iter().flat_map(|layout| ["--leave-out", *layout]);
         let run = ["--steps", "2", "--out", "third", "--quiet"];
         let arguments: Vec<&str> = train.into_iter().chain(run).chain(leave_out).collect();
-        trainer(&[&arguments, rest].concat(), path)
+        trainer(&[&arguments[..], rest].concat(), path)
     };
     let errors = |assert: assert_cmd::assert::Assert| {
         String::from_utf8_lossy(&assert.code(2).get_output().stderr).into_owned()

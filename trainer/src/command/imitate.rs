@@ -93,7 +93,7 @@ impl ImitationOptions {
                     let learned_from = &network.provenance.missions;
                     ensure!(
                         settings.left_out_layouts.is_empty()
-                            || *learned_from == settings.distribution(),
+                            || learned_from.as_str() == settings.distribution(),
                         "{}: the network has learned from missions \"{learned_from}\", but the run's are to be \
                          \"{}\"",
                         path.display(),
