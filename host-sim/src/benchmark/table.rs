@@ -108,7 +108,7 @@ impl Table {
             "flown",
             "mean",
             "worst",
-            &of_reference,
+            of_reference.as_str(),
             "at least",
             "violated",
         ];

@@ -90,6 +90,15 @@ impl ImitationOptions {
                         network.architecture,
                         settings.architecture
                     );
+                    let learned_from = &network.provenance.missions;
+                    ensure!(
+                        settings.left_out_layouts.is_empty()
+                            || learned_from.as_str() == settings.distribution(),
+                        "{}: the network has learned from missions \"{learned_from}\", but the run's are to be \
+                         \"{}\"",
+                        path.display(),
+                        settings.distribution(),
+                    );
                     Some(network.parameters)
                 }
                 _ => None,

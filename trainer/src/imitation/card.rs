@@ -39,7 +39,7 @@ pub fn markdown(
     groups.extend(MissionGroup::BY_SIZE.map(|group| {
         let is_in = |flown: &&Flown| group.contains(&flown.properties);
         let flown = flights.iter().filter(is_in).copied();
-        (group.to_string(), flown.collect())
+        (group.to_string(), flown.collect::<Vec<_>>())
     }));
     for layout in Layout::ALL {
         let held_out = HeldOut::with_layout(per_layout, layout)?;
