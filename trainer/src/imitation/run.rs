@@ -239,10 +239,11 @@ impl Imitation {
         let (first_step, started) = (self.step, Instant::now());
         loop {
             let fraction = self.fraction();
-            let over = fraction >= 1.0;
-            if !over {
+            if fraction < 1.0 {
                 self.learn(fraction)?;
             }
+            // The last step is always evaluated and saved, also if it is only due for a report.
+            let over = self.fraction() >= 1.0;
             let due = |every: u64| over || self.step.is_multiple_of(every);
             if due(self.settings.report_every) && self.losses_since > 0 {
                 let evaluate = due(self.settings.evaluate_every);
