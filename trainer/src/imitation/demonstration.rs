@@ -19,7 +19,7 @@ use crate::{evaluate::fly, learner::fill_normal, nn::sets::SetNetwork};
 /// The planner's steps between two looks at whether it has finished.
 const OPERATIONS_PER_STEP: u64 = 5_000_000;
 /// The largest weight of a demonstration.
-pub const WEIGHT_MAX: f64 = 5.0;
+pub const WEIGHT_MAX: f64 = 25.0;
 /// A fraction of the planner's total that the network loses adds 1 to the weight of a demonstration.
 const LOSS_UNIT: f64 = 0.02;
 /// Plans with a smaller total, bit/s/Hz, add no weight: fractions of it would mean little.
