@@ -45,7 +45,10 @@ pub type TrainedController = Controller<f32, Trained, USERS_MAX, SENSORS_MAX>;
 pub type Planner = BoardPlanner<(&'static mut PlannerNumbers, &'static mut PlannerBytes)>;
 
 /// The onboard computer of a board, with all its policies.
-pub type Computer = BoardComputer<&'static [u8], &'static mut Planner>;
+pub type Computer = BoardComputer<Trained, &'static mut Planner>;
+
+/// The same with the policy for any mission in flash.
+pub type AnyMissionComputer = BoardComputer<&'static mut AnyMission, &'static mut Planner>;
 
 #[cfg(not(feature = "diagnose"))]
 unsafe extern "C" {
