@@ -30,12 +30,6 @@ use crate::{
 /// The computer of an image whose trained policy is an `R`.
 type Computer<R> = BoardComputer<R, &'static mut StaticPlanner>;
 
-/// The policies for an order that need memory of their own, as far as it asks for them.
-struct Policies<R> {
-    trained: Option<R>,
-    planner: Option<&'static mut StaticPlanner>,
-}
-
 /// Bytes taken from a line at a time.
 const PIECE: usize = 64;
 
@@ -57,9 +51,10 @@ pub fn run<K: FlashPolicy, B: Board>(board: &mut B, file: &'static [u8]) -> ! {
     let (computer, clock) = loop {
         match next_call(board, &mut calls) {
             Some(Call::Order(order)) => {
-                let policies = prepare::<B, K>(&order, &mut trained, &mut memory);
-                let built =
-                    policies.and_then(|policies| commission(board, &order, policies, &mut place));
+                let planner = prepare::<B>(&order, &mut memory);
+                let built = planner.and_then(|planner| {
+                    commission(board, &order, (&mut trained, planner), &mut place)
+                });
                 match built {
                     Ok(computer) => break (computer, order.clock),
                     Err(why) => report(board, &BoardReport::Refused(console::words(&why))),
@@ -93,39 +88,33 @@ pub fn run<K: FlashPolicy, B: Board>(board: &mut B, file: &'static [u8]) -> ! {
     }
 }
 
-/// Checks an order and creates the policy that it asks for, if that needs memory of its own. This is
-/// not done in [`commission`], so that the stack does not hold both the planner's and the computer's
-/// parts.
+/// Checks an order and, where it asks for a plan, creates the planner. This is not done in
+/// [`commission`], so that the stack does not hold both the planner's and the computer's parts.
 #[inline(never)]
-fn prepare<B: Board, K: FlashPolicy>(
+fn prepare<B: Board>(
     order: &MissionOrder,
-    trained: &mut K,
     memory: &mut Option<PlannerMemory>,
-) -> Result<Policies<K::Flying>, OrderError> {
+) -> Result<Option<&'static mut StaticPlanner>, OrderError> {
     order.check_watchdog(B::LONGEST_WATCH)?;
-    let mut policies = Policies {
-        trained: None,
-        planner: None,
-    };
-    match order.policy_kind {
-        PolicyKind::Trained => policies.trained = Some(trained.for_order(order)?),
-        PolicyKind::StraightLine => {}
-        PolicyKind::Plan => {
-            let mission = order.check()?;
-            policies.planner = Some(PlannerMemory::planner(memory, &mission)?);
-        }
+    if order.policy_kind != PolicyKind::Plan {
+        return Ok(None);
     }
-    Ok(policies)
+    let mission = order.check()?;
+    Ok(Some(PlannerMemory::planner(memory, &mission)?))
 }
 
 /// Apart, so that what it needs of the stack is given back.
 #[inline(never)]
-fn commission<B: Board, R: TrainedPolicy>(
+fn commission<B: Board, K: FlashPolicy>(
     board: &mut B,
     order: &MissionOrder,
-    Policies { trained, planner }: Policies<R>,
-    place: &mut Option<&'static mut MaybeUninit<Computer<R>>>,
-) -> Result<&'static mut Computer<R>, OrderError> {
+    (trained, planner): (&mut K, Option<&'static mut StaticPlanner>),
+    place: &mut Option<&'static mut MaybeUninit<trained::Computer<K>>>,
+) -> Result<&'static mut trained::Computer<K>, OrderError> {
+    let trained = match order.policy_kind {
+        PolicyKind::Trained => Some(trained.for_order(order)?),
+        PolicyKind::StraightLine | PolicyKind::Plan => None,
+    };
     let computer = order.build_in(place, trained, planner)?;
     let now = match order.clock {
         Clock::Board => board.now(),
@@ -190,7 +179,12 @@ struct Flight {
 
 impl Flight {
     /// A round at the time and with the bytes of a bench.
-    fn bench_round<B: Board, R: TrainedPolicy>(&mut self, board: &mut B, computer: &mut Computer<R>, tick: &Tick) {
+    fn bench_round<B: Board, R: TrainedPolicy>(
+        &mut self,
+        board: &mut B,
+        computer: &mut Computer<R>,
+        tick: &Tick,
+    ) {
         let cost = self.round(board, computer, tick.now, Some(tick));
         let place = computer.autopilot().position();
         let tock = Tock {
@@ -246,7 +240,12 @@ impl Flight {
 
     /// What came.
     #[inline(never)]
-    fn take<B: Board, R: TrainedPolicy>(&mut self, board: &mut B, computer: &mut Computer<R>, now: Instant) {
+    fn take<B: Board, R: TrainedPolicy>(
+        &mut self,
+        board: &mut B,
+        computer: &mut Computer<R>,
+        now: Instant,
+    ) {
         let mut piece = [0; PIECE];
         for (received, line) in self.received.iter_mut().zip([Line::Ground, Line::Mavlink]) {
             loop {
@@ -265,7 +264,12 @@ impl Flight {
 
     /// What is to be said.
     #[inline(never)]
-    fn give<B: Board, R: TrainedPolicy>(&mut self, board: &mut B, computer: &mut Computer<R>, now: Instant) {
+    fn give<B: Board, R: TrainedPolicy>(
+        &mut self,
+        board: &mut B,
+        computer: &mut Computer<R>,
+        now: Instant,
+    ) {
         let [ground, mavlink] = &mut self.sent;
         let mut frame = [0; MAX_FRAME];
         while let Some(frame) = computer.take_mavlink_frame(now, &mut frame) {

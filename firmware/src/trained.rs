@@ -79,7 +79,7 @@ impl FlashPolicy for AnyMission {
     type Flying = &'static mut StaticSetsPolicy;
 
     fn load(file: &'static [u8]) -> Result<Self, String<TEXT_MAX>> {
-        let work = cortex_m::singleton!(SETS_WORK: SetsWork = SetsWork::default());
+        let work = cortex_m::singleton!(SETS_WORK: SetsWork = const { SetsWork::new() });
         let place = cortex_m::singleton!(SETS_POLICY: Option<StaticSetsPolicy> = None);
         let Some((work, place)) = work.zip(place) else {
             return Err(refused(&OrderError::MemoryInUse));

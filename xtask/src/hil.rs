@@ -189,7 +189,11 @@ fn fly_pair(root: &Path, host: &Path, pair: &Pair<'_>, more: &[String]) -> Resul
         }
         anyhow::Ok(flight)
     };
-    let in_process = [&["--controller", "in-process", "--precision", "f32"], pair.own].concat();
+    let in_process = [
+        &["--controller", "in-process", "--precision", "f32"],
+        pair.own,
+    ]
+    .concat();
     let own = fly("in-process", &in_process)?;
     let board = Board::start(root, &pair.controller.image, false)?;
     let there = format!("tcp:127.0.0.1:{}", board.port);
@@ -294,7 +298,10 @@ fn write_changes(folder: &Path, scenario: &str) -> Result<PathBuf> {
         (slot(3), format!("user = 0\n{}", at(&mission.destination))),
         (slot(4), format!("user = 1\n{}", at(second))),
         (slot(5), "sensor = 0\nleaves = true".to_owned()),
-        (slot(6), format!("mse_threshold = {:?}", 1.01 * mission.mse_threshold)),
+        (
+            slot(6),
+            format!("mse_threshold = {:?}", 1.01 * mission.mse_threshold),
+        ),
     ];
     let users = mission.users.len();
     if users < USERS_MAX {

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The least number of decisions that are measured.
-const DECISIONS: u64 = 60;
+const DECISIONS: u64 = 250;
 
 /// Returns the figures of the image with the policy for any mission, whose flight needs `stack` bytes
 /// of stack at most. The limits are those that the project has set itself.

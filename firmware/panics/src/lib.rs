@@ -31,12 +31,8 @@ pub type Trained = Mlp<&'static [u8]>;
 pub type AnyNetwork = SetsNetwork<&'static [u8]>;
 
 /// The trained policy for any mission.
-pub type AnyMission = SetsPolicy<
-    f32,
-    NetworkWithWork<&'static [u8], &'static mut SetsWork>,
-    USERS_MAX,
-    SENSORS_MAX,
->;
+pub type AnyMission =
+    SetsPolicy<f32, NetworkWithWork<&'static [u8], &'static mut SetsWork>, USERS_MAX, SENSORS_MAX>;
 
 /// The controller of a board with a trained policy.
 pub type TrainedController = Controller<f32, Trained, USERS_MAX, SENSORS_MAX>;

@@ -20,7 +20,10 @@ use firmware_core::{
     mission::{MissionParameters, RadioModel},
     policy::{
         Observation, Policy,
-        sets::{EvaluateSets, NetworkWithWork, SetsNetwork, SetsObservation, SetsOutput, SetsPolicy, SetsWork},
+        sets::{
+            EvaluateSets, NetworkWithWork, SetsNetwork, SetsObservation, SetsOutput, SetsPolicy,
+            SetsWork,
+        },
     },
     shield::Agility,
 };
@@ -28,9 +31,9 @@ use firmware_core::{
 /// Nanoseconds of an instruction at `-icount shift=6`.
 const NANOS_PER_INSTRUCTION: u64 = 64;
 /// Missions of each channel model.
-const MISSIONS_EACH: u32 = 4;
+const MISSIONS_EACH: u32 = 8;
 /// Decisions in each mission.
-const DECISIONS: u32 = 4;
+const DECISIONS: u32 = 8;
 const MODELS: [RadioModel; 4] = [
     RadioModel::ProbabilisticLos,
     RadioModel::UmaAv,
@@ -43,7 +46,7 @@ fn main() -> ! {
     let Some(mut board) = Mps2::take() else {
         unreachable!("the board is taken once");
     };
-    let work = cortex_m::singleton!(SETS_WORK: SetsWork = SetsWork::default());
+    let work = cortex_m::singleton!(SETS_WORK: SetsWork = const { SetsWork::new() });
     let Some(work) = work else {
         unreachable!("the memory is taken once");
     };
