@@ -82,10 +82,13 @@ pub(crate) fn run(root: &Path, arguments: &BuildArguments) -> Result<Images> {
     let compiler = Compiler::find(root)?;
     let folder = folder(root);
     fs::create_dir_all(&folder)?;
-    let policy = converted(root, &arguments.policy)?;
+    let policy = converted(root, &arguments.policy, "chosen.policy")?;
     let is_for_any = is_for_any_mission(&policy)?;
     let [one_mission, any_mission] = if is_for_any {
-        [converted(root, Path::new(FOR_ONE_MISSION))?, policy]
+        [
+            converted(root, Path::new(FOR_ONE_MISSION), "shipped.policy")?,
+            policy,
+        ]
     } else {
         [policy, root.join(FOR_ANY_MISSION)]
     };
@@ -146,8 +149,9 @@ fn is_for_any_mission(policy: &Path) -> Result<bool> {
     }
 }
 
-/// Converts the policy to the format of the microcontroller.
-fn converted(root: &Path, policy: &Path) -> Result<PathBuf> {
+/// Converts the policy to the format of the microcontroller, in the file `to` of the output directory
+/// unless it has this format. Returns the file's path.
+fn converted(root: &Path, policy: &Path, to: &str) -> Result<PathBuf> {
     if policy == Path::new("any") {
         return Ok(root.join(FOR_ANY_MISSION));
     }
@@ -160,7 +164,7 @@ fn converted(root: &Path, policy: &Path) -> Result<PathBuf> {
     if policy.extension().is_some_and(|kind| kind == "policy") {
         return Ok(policy);
     }
-    let to = folder(root).join("trained.policy");
+    let to = folder(root).join(to);
     let mut cargo = cargo();
     cargo
         .current_dir(root)
