@@ -23,7 +23,7 @@ use host_sim::{
     policy::for_any_mission,
     record::FlightRecord,
 };
-use scenario::{Events, Scenario};
+use scenario::{Events, Scenario, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario, policy_kind: PolicyKind) -> FlightRecord {
@@ -124,11 +124,11 @@ fn an_order_beyond_the_planners_capacity_is_refused() {
 #[test]
 fn a_board_flies_any_mission_by_one_policy() {
     let policy = (PolicyKind::Trained, Some(for_any_mission()));
-    let random = scenario::random(7, None).expect("a mission");
+    let random = ScenarioChoice::unchanged("../benchmarks/random-0001.toml".into());
     let scenarios = [
         Scenario::shipped("separated").expect("shipped"),
         Scenario::shipped("slow").expect("shipped"),
-        random,
+        random.load().expect("a mission"),
     ];
     let changes = "[[event]]\nslot = 9\nuser = 0\nposition_m = [500.0, 500.0]\n\
                    [[event]]\nslot = 12\nuser = 1\nleaves = true\n\
