@@ -14,35 +14,31 @@ use firmware_core::{
     },
     console::{
         self, BoardComputer, BoardReport, Call, Calls, Clock, Cost, Footprint, MissionOrder,
-        OrderError, PolicyKind, REPORT_FRAME_MAX, Tick, Tock,
+        OrderError, PolicyKind, REPORT_FRAME_MAX, Tick, Tock, TrainedPolicy,
     },
     link::FRAME_MAX,
     onboard::{Activity, Probe, Stage},
-    policy::mlp::Mlp,
     time::Instant,
 };
 
 use crate::{
     board::{Board, Line},
     planner::{PlannerMemory, StaticPlanner},
+    trained::{self, FlashPolicy},
 };
 
-/// The computer of this image: its policy is in flash, its planner in memory of its own.
-pub type Computer = BoardComputer<&'static [u8], &'static mut StaticPlanner>;
-
-/// The size of the computer is known.
-const _: () = assert!(size_of::<Computer>() <= 11_760);
+/// The computer of an image whose trained policy is an `R`.
+type Computer<R> = BoardComputer<R, &'static mut StaticPlanner>;
 
 /// Bytes taken from a line at a time.
 const PIECE: usize = 64;
 
-/// Flies. A policy that is not sound is refused on the console and, as a STATUSTEXT, to the
-/// autopilot's side; then nothing flies.
-pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
-    let trained = match Mlp::load(trained) {
+/// Flies, with a policy of kind `K` in flash. A policy that is not sound is refused on the console and,
+/// as a STATUSTEXT, to the autopilot's side; then nothing flies.
+pub fn run<K: FlashPolicy, B: Board>(board: &mut B, file: &'static [u8]) -> ! {
+    let mut trained = match K::load(file) {
         Ok(policy) => policy,
-        Err(error) => {
-            let why = console::words(&format_args!("policy in flash: {error}"));
+        Err(why) => {
             warn(board, &why);
             board.halt(&why)
         }
@@ -50,19 +46,21 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
     let mut calls = Calls::default();
     let mut memory = PlannerMemory::take();
     // The computer is built in static memory: the stack need not hold it.
-    let mut place = cortex_m::singleton!(COMPUTER: MaybeUninit<Computer> = MaybeUninit::uninit());
+    let mut place = K::computer_memory();
+    let computer_bytes = size_of::<trained::Computer<K>>() as u32;
     let (computer, clock) = loop {
         match next_call(board, &mut calls) {
             Some(Call::Order(order)) => {
                 let planner = prepare::<B>(&order, &mut memory);
-                let built = planner
-                    .and_then(|planner| commission(board, &order, (&trained, planner), &mut place));
+                let built = planner.and_then(|planner| {
+                    commission(board, &order, (&mut trained, planner), &mut place)
+                });
                 match built {
                     Ok(computer) => break (computer, order.clock),
                     Err(why) => report(board, &BoardReport::Refused(console::words(&why))),
                 }
             }
-            Some(Call::Footprint) => report_footprint(board),
+            Some(Call::Footprint) => report_footprint(board, computer_bytes),
             Some(Call::Signing) => report(board, &BoardReport::Signing(None)),
             Some(Call::Tick(_) | Call::Stop) => {}
             None => board.rest(false),
@@ -73,7 +71,7 @@ pub fn run<B: Board>(board: &mut B, trained: &'static [u8]) -> ! {
     loop {
         let call = next_call(board, &mut calls);
         match call {
-            Some(Call::Footprint) => report_footprint(board),
+            Some(Call::Footprint) => report_footprint(board, computer_bytes),
             Some(Call::Signing) => report(board, &BoardReport::Signing(computer.signing_state())),
             Some(Call::Stop) => flight.stop_asked = true,
             Some(Call::Tick(tick)) if clock == Clock::Console => {
@@ -107,13 +105,17 @@ fn prepare<B: Board>(
 
 /// Apart, so that what it needs of the stack is given back.
 #[inline(never)]
-fn commission<B: Board>(
+fn commission<B: Board, K: FlashPolicy>(
     board: &mut B,
     order: &MissionOrder,
-    (trained, planner): (&Mlp<&'static [u8]>, Option<&'static mut StaticPlanner>),
-    place: &mut Option<&'static mut MaybeUninit<Computer>>,
-) -> Result<&'static mut Computer, OrderError> {
-    let computer = order.build_in(place, Some(trained), planner)?;
+    (trained, planner): (&mut K, Option<&'static mut StaticPlanner>),
+    place: &mut Option<&'static mut MaybeUninit<trained::Computer<K>>>,
+) -> Result<&'static mut trained::Computer<K>, OrderError> {
+    let trained = match order.policy_kind {
+        PolicyKind::Trained => Some(trained.for_order(order)?),
+        PolicyKind::StraightLine | PolicyKind::Plan => None,
+    };
+    let computer = order.build_in(place, trained, planner)?;
     let now = match order.clock {
         Clock::Board => board.now(),
         Clock::Console => Instant::ZERO,
@@ -143,11 +145,11 @@ fn report<B: Board>(board: &mut B, report: &BoardReport) {
 }
 
 #[inline(never)]
-fn report_footprint<B: Board>(board: &mut B) {
+fn report_footprint<B: Board>(board: &mut B, computer_bytes: u32) {
     let (lost_bytes, unsent_frames) = board.losses();
     let footprint = Footprint {
         stack_bytes: board.stack_bytes(),
-        computer_bytes: size_of::<Computer>() as u32,
+        computer_bytes,
         lost_bytes,
         unsent_frames,
     };
@@ -177,7 +179,12 @@ struct Flight {
 
 impl Flight {
     /// A round at the time and with the bytes of a bench.
-    fn bench_round<B: Board>(&mut self, board: &mut B, computer: &mut Computer, tick: &Tick) {
+    fn bench_round<B: Board, R: TrainedPolicy>(
+        &mut self,
+        board: &mut B,
+        computer: &mut Computer<R>,
+        tick: &Tick,
+    ) {
         let cost = self.round(board, computer, tick.now, Some(tick));
         let place = computer.autopilot().position();
         let tock = Tock {
@@ -191,10 +198,10 @@ impl Flight {
         report(board, &BoardReport::Tock(tock));
     }
 
-    fn round<B: Board>(
+    fn round<B: Board, R: TrainedPolicy>(
         &mut self,
         board: &mut B,
-        computer: &mut Computer,
+        computer: &mut Computer<R>,
         now: Instant,
         tick: Option<&Tick>,
     ) -> Cost {
@@ -233,7 +240,12 @@ impl Flight {
 
     /// What came.
     #[inline(never)]
-    fn take<B: Board>(&mut self, board: &mut B, computer: &mut Computer, now: Instant) {
+    fn take<B: Board, R: TrainedPolicy>(
+        &mut self,
+        board: &mut B,
+        computer: &mut Computer<R>,
+        now: Instant,
+    ) {
         let mut piece = [0; PIECE];
         for (received, line) in self.received.iter_mut().zip([Line::Ground, Line::Mavlink]) {
             loop {
@@ -252,7 +264,12 @@ impl Flight {
 
     /// What is to be said.
     #[inline(never)]
-    fn give<B: Board>(&mut self, board: &mut B, computer: &mut Computer, now: Instant) {
+    fn give<B: Board, R: TrainedPolicy>(
+        &mut self,
+        board: &mut B,
+        computer: &mut Computer<R>,
+        now: Instant,
+    ) {
         let [ground, mavlink] = &mut self.sent;
         let mut frame = [0; MAX_FRAME];
         while let Some(frame) = computer.take_mavlink_frame(now, &mut frame) {
@@ -270,7 +287,7 @@ impl Flight {
 
     /// What happened, in words.
     #[inline(never)]
-    fn tell<B: Board>(&mut self, board: &mut B, computer: &mut Computer) {
+    fn tell<B: Board, R: TrainedPolicy>(&mut self, board: &mut B, computer: &mut Computer<R>) {
         while let Some(event) = computer.autopilot_mut().take_next_event() {
             report(board, &BoardReport::Event(console::words(&event)));
         }
@@ -287,7 +304,7 @@ impl Flight {
     }
 
     /// Only a finished slot feeds the watchdog, from the first slot to the last.
-    fn feed_watchdog<B: Board>(&mut self, board: &mut B, computer: &Computer) {
+    fn feed_watchdog<B: Board, R: TrainedPolicy>(&mut self, board: &mut B, computer: &Computer<R>) {
         let controller = computer.controller();
         let flying = computer.autopilot().phase() == Phase::Leg
             || matches!(computer.stage(), Stage::Flying | Stage::Measuring);

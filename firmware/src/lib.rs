@@ -6,6 +6,7 @@
 //! |---|---|
 //! | [`board`] | one small trait, and a folder for each board: serial lines, timer, watchdog |
 //! | [`flight`] | the loop: an order over the console, then slot after slot |
+//! | [`trained`] | the two kinds of trained policies, and their memory |
 //! | [`planner`] | the planner's memory |
 //!
 //! No allocator, no operating system, no `static mut`. docs/target.md says how to build it, what
@@ -15,26 +16,33 @@
 pub mod board;
 pub mod flight;
 pub mod planner;
+pub mod trained;
 
-/// The trained policy, as it lies in flash: shifted so that its numbers lie on the boundaries of
-/// words (build.rs).
-pub static TRAINED: &[u8] = {
-    const SHIFT: usize = include!(concat!(env!("OUT_DIR"), "/shift.rs"));
-    static FLASH: Aligned<
-        [u8; SHIFT + include_bytes!(concat!(env!("OUT_DIR"), "/trained.policy")).len()],
-    > = Aligned(shifted(include_bytes!(concat!(
-        env!("OUT_DIR"),
-        "/trained.policy"
-    ))));
-    FLASH.0.split_at(SHIFT).1
-};
+/// A file in flash, shifted so that its end lies on the boundary of a word (build.rs).
+macro_rules! in_flash {
+    ($file:literal, $shift:literal) => {{
+        const SHIFT: usize = include!(concat!(env!("OUT_DIR"), "/", $shift));
+        const FILE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/", $file));
+        static FLASH: Aligned<[u8; SHIFT + FILE.len()]> = Aligned(shifted(FILE));
+        FLASH.0.split_at(SHIFT).1
+    }};
+}
+
+/// The policy for one mission. Its numbers lie on the boundaries of words.
+pub static ONE_MISSION_POLICY: &[u8] = in_flash!("one_mission.policy", "one_mission.shift");
+
+/// The policy for any mission. Its weights lie on the boundaries of half words.
+pub static ANY_MISSION_POLICY: &[u8] = in_flash!("any_mission.policy", "any_mission.shift");
 
 #[repr(align(4))]
 struct Aligned<T>(T);
 
 /// `bytes` at the end of a longer array.
-const fn shifted<const N: usize, const L: usize>(bytes: &[u8; N]) -> [u8; L] {
+const fn shifted<const L: usize>(bytes: &[u8]) -> [u8; L] {
     let mut shifted = [0; L];
-    shifted.split_at_mut(L - N).1.copy_from_slice(bytes);
+    shifted
+        .split_at_mut(L - bytes.len())
+        .1
+        .copy_from_slice(bytes);
     shifted
 }

@@ -30,6 +30,7 @@ use planning::bound;
 use planning::planner::{self, HostPlanner, PlanProgress};
 use planning::{search::SearchPolicy, waypoint_file};
 use scenario::Scenario;
+pub use trained::for_any_mission;
 use trained::{FOR_ANY_MISSION, shipped, trained_for};
 
 /// A policy as selected on the command line.

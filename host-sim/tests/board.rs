@@ -4,26 +4,38 @@
 use std::{
     io::{Read, Write},
     net::{TcpListener, TcpStream},
+    process::Command,
+    sync::Arc,
     thread,
 };
 
 use environment::Allocation;
 use firmware_core::{
     USERS_MAX,
-    console::{self, BoardReport, Call, Calls, PolicyKind, REPORT_FRAME_MAX},
-    policy::StraightLine,
+    console::{self, BoardReport, Call, Calls, MissionOrder, PolicyKind, REPORT_FRAME_MAX},
+    policy::{StraightLine, mlp::Mlp},
 };
 use host_sim::{
     flight::{
         self, FlightSettings, Peer, RealTimeFactor,
         computer::{Image, OnboardComputer, Twin, order},
     },
+    policy::for_any_mission,
     record::FlightRecord,
 };
-use scenario::{Events, Scenario};
+use scenario::{Events, Scenario, ScenarioChoice};
 use vehicle::{Profile, Vehicle};
 
 fn flown(scenario: &Scenario, policy_kind: PolicyKind) -> FlightRecord {
+    flown_with(scenario, (policy_kind, None), Events::default())
+}
+
+/// Flies by a policy, or by that of a file in flash, with changes of the mission.
+fn flown_with(
+    scenario: &Scenario,
+    (policy_kind, file): (PolicyKind, Option<&[u8]>),
+    events: Events,
+) -> FlightRecord {
     let settings = FlightSettings {
         ground_link: None,
         policy: "of the board".into(),
@@ -33,10 +45,10 @@ fn flown(scenario: &Scenario, policy_kind: PolicyKind) -> FlightRecord {
         seed: 1,
         symbols_per_slot: 10,
         ignores_errors: false,
-        events: Events::default(),
+        events,
     };
     let order = order(scenario, settings.profile, policy_kind);
-    let mut twin = Twin::new(&order, None).expect("an order that can be flown");
+    let mut twin = Twin::new(&order, file.map(Arc::from)).expect("an order that can be flown");
     let vehicle = flight::vehicle_settings(scenario, settings.profile);
     let peer = Peer::built_in(Vehicle::new(vehicle));
     flight::fly_with(scenario, &mut twin, &settings, peer, &mut ()).expect("flown")
@@ -107,6 +119,54 @@ fn an_order_beyond_the_planners_capacity_is_refused() {
     assert!(Twin::new(&order, None).is_ok());
 }
 
+/// With the policy for any mission in flash, a board flies missions with different users, also when
+/// they change in flight.
+#[test]
+fn a_board_flies_any_mission_by_one_policy() {
+    let policy = (PolicyKind::Trained, Some(for_any_mission()));
+    let random = ScenarioChoice::unchanged("../benchmarks/random-0001.toml".into());
+    let scenarios = [
+        Scenario::shipped("separated").expect("shipped"),
+        Scenario::shipped("slow").expect("shipped"),
+        random.load().expect("a mission"),
+    ];
+    let changes = "[[event]]\nslot = 9\nuser = 0\nposition_m = [500.0, 500.0]\n\
+                   [[event]]\nslot = 12\nuser = 1\nleaves = true\n\
+                   [[event]]\nslot = 15\nsensor = 2\nleaves = true\n";
+    for scenario in scenarios {
+        let events = Events::parse(changes, &scenario.mission).expect("changes that can be made");
+        let summary = flown_with(&scenario, policy, events).summary();
+        assert!(summary.arrived && summary.fair, "{summary:?}");
+        assert_eq!(
+            (summary.mse_violations, summary.constraint_violations),
+            (0, 0)
+        );
+        let summary = flown_with(&scenario, policy, Events::default()).summary();
+        assert!(summary.arrived && summary.fair, "{summary:?}");
+        assert_eq!(
+            (summary.mse_violations, summary.constraint_violations),
+            (0, 0)
+        );
+        // The straight line has less.
+        let straight = flown(&scenario, PolicyKind::StraightLine).summary();
+        assert!(summary.sum_rate > 1.05 * straight.sum_rate, "{summary:?}");
+    }
+}
+
+/// A damaged policy for any mission is refused, and the order names no mission.
+#[test]
+fn a_damaged_policy_for_any_mission_is_refused() {
+    let scenario = Scenario::shipped("separated").expect("shipped");
+    let order = order(&scenario, Profile::Ideal, PolicyKind::Trained);
+    let mut file = for_any_mission().to_vec();
+    let twin = Twin::new(&order, Some(file.as_slice().into())).expect("sound");
+    assert_eq!(twin.scenario_digest(), None);
+    let middle = file.len() / 2;
+    file[middle] ^= 4;
+    let refusal = Twin::new(&order, Some(file.as_slice().into())).expect_err("damaged");
+    assert!(refusal.contains("checksum"), "{refusal}");
+}
+
 /// Returns listeners at three successive ports.
 fn three_ports() -> [TcpListener; 3] {
     let at = |port: u16| TcpListener::bind(("127.0.0.1", port));
@@ -122,34 +182,54 @@ fn three_ports() -> [TcpListener; 3] {
     panic!("no three free ports in a row");
 }
 
+/// Starts a board that accepts one order, with the digest of the mission that its policy was trained
+/// for. Returns the address, and the thread that returns the order.
+fn accepting_board(digest: Option<&str>) -> (String, thread::JoinHandle<MissionOrder>) {
+    let lines = three_ports();
+    let to = format!("127.0.0.1:{}", lines[0].local_addr().expect("bound").port());
+    let answer = BoardReport::Ready {
+        scenario_digest: digest.map(|text| text.try_into().expect("64 digits")),
+    };
+    let board = thread::spawn(move || {
+        let mut lines = lines.map(|line| line.accept().expect("a host").0);
+        let console: &mut TcpStream = &mut lines[2];
+        let (mut calls, mut byte) = (Calls::default(), [0]);
+        let order = loop {
+            console.read_exact(&mut byte).expect("an order");
+            if let Some(Ok(Call::Order(order))) = calls.push(byte[0]) {
+                break order;
+            }
+        };
+        let mut frame = [0; REPORT_FRAME_MAX];
+        let frame = console::encode_report(&answer, &mut frame).expect("fits");
+        console.write_all(frame).expect("sent");
+        order
+    });
+    (to, board)
+}
+
+/// A board whose policy is for one mission does not fly where one for any mission is asked for.
+#[test]
+fn a_board_without_a_policy_for_any_mission_is_refused() {
+    let (to, board) = accepting_board(Some(&"0123456789abcdef".repeat(4)));
+    let to = format!("tcp:{to}");
+    let mut run = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    run.args(["run", "--controller", &to, "--policy", "any"]);
+    let output = run.output().expect("it starts");
+    let refused = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{refused}");
+    assert!(refused.contains("is for one mission"), "{refused}");
+    let order = board.join().expect("no panic");
+    assert_eq!(order.policy_kind, PolicyKind::Trained);
+}
+
 /// A board accepts an order with the digest of the mission that its policy was trained for, from
 /// which the host knows whether that is the mission of the order.
 #[test]
 fn a_board_says_which_mission_its_policy_was_trained_for() {
     let scenario = Scenario::shipped("separated").expect("shipped");
     for digest in [Some("0123456789abcdef".repeat(4)), None] {
-        let lines = three_ports();
-        let to = format!("127.0.0.1:{}", lines[0].local_addr().expect("bound").port());
-        let answer = BoardReport::Ready {
-            scenario_digest: digest
-                .as_deref()
-                .map(|text| text.try_into().expect("64 digits")),
-        };
-        let board = thread::spawn(move || {
-            let mut lines = lines.map(|line| line.accept().expect("a host").0);
-            let console: &mut TcpStream = &mut lines[2];
-            let (mut calls, mut byte) = (Calls::default(), [0]);
-            let order = loop {
-                console.read_exact(&mut byte).expect("an order");
-                if let Some(Ok(Call::Order(order))) = calls.push(byte[0]) {
-                    break order;
-                }
-            };
-            let mut frame = [0; REPORT_FRAME_MAX];
-            let frame = console::encode_report(&answer, &mut frame).expect("fits");
-            console.write_all(frame).expect("sent");
-            order
-        });
+        let (to, board) = accepting_board(digest.as_deref());
         let sent = order(&scenario, Profile::Ideal, PolicyKind::Trained);
         let image = Image::connect(&to.parse().expect("an address"), &sent).expect("accepted");
         assert_eq!(board.join().expect("no panic"), sent);
@@ -163,7 +243,7 @@ fn an_order_of_a_rule_names_no_mission() {
     let scenario = Scenario::shipped("separated").expect("shipped");
     let order = order(&scenario, Profile::Ideal, PolicyKind::StraightLine);
     let computer = order
-        .build::<&[u8], StraightLine<f32, USERS_MAX>>(None, None)
+        .build::<Mlp<&[u8]>, StraightLine<f32, USERS_MAX>>(None, None)
         .expect("an order that can be flown");
     let expected = BoardReport::Ready {
         scenario_digest: None,

@@ -8,12 +8,13 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::{
-    build::{self, BuildArguments, Images},
+    build::{self, BuildArguments, Controller, Images},
     elf::Sizes,
     figure::{Figure, grouped, printed},
     hil::{self, Flight},
     order, page, planner,
     qemu::Board,
+    sets,
     tools::Compiler,
 };
 
@@ -130,6 +131,8 @@ pub(crate) fn run(root: &Path, arguments: &BenchArguments) -> Result<()> {
     figures.extend(instructions(root, &images.bench_bytes, &BYTES)?);
     figures.extend(planner::figures(root, &images)?);
     figures.extend(bytes(root, &images, &arguments.build)?);
+    let stack = stack_with_changes(root, &images.any_mission, &arguments.build, "shipped")?;
+    figures.extend(sets::figures(root, &images, stack)?);
     let compiler = Compiler::find(root)?.version(root)?;
     let table = table(&figures, &compiler)?;
     println!("{table}");
@@ -173,8 +176,9 @@ fn instructions(root: &Path, image: &Path, parts: &[Part]) -> Result<Vec<Figure>
 
 /// Returns the flash usage from the ELF file and the stack usage from a flight.
 fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec<Figure>> {
-    let sizes = Sizes::read(&images.controller)?;
-    let weights = fs::metadata(&images.policy)?.len();
+    let controller = &images.one_mission;
+    let sizes = Sizes::read(&controller.image)?;
+    let weights = fs::metadata(&controller.policy)?.len();
     let planner = u64::from(sizes.planner);
     ensure!(planner > 0, "the image has no statics of the planner");
     let zeroed = u64::from(sizes.bss)
@@ -182,11 +186,8 @@ fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec
         .context("the planner's statics are not in .bss")?;
     let statics = u64::from(sizes.data) + zeroed;
     let folder = build::folder(root).join("bench");
-    let stack = stack_bytes(root, images, arguments, (&folder, &[]))?;
-    let events = hil::write_events(&folder, order::DEFAULT)?;
-    let events = events.display().to_string();
-    let planned: &[&str] = &["--policy", "plan", "--events", &events];
-    let stack_planned = stack_bytes(root, images, arguments, (&folder, planned))?;
+    let stack = stack_bytes(root, controller, arguments, (&folder, &[]))?;
+    let stack_planned = stack_with_changes(root, controller, arguments, "plan")?;
     let figure = |name, value, aim| Figure {
         name,
         unit: "bytes",
@@ -220,15 +221,29 @@ fn bytes(root: &Path, images: &Images, arguments: &BuildArguments) -> Result<Vec
     ])
 }
 
+/// Returns the largest stack usage of a whole mission that changes in flight.
+fn stack_with_changes(
+    root: &Path,
+    controller: &Controller,
+    arguments: &BuildArguments,
+    policy: &str,
+) -> Result<u64> {
+    let folder = build::folder(root).join("bench");
+    let events = hil::write_events(&folder, order::DEFAULT)?;
+    let events = events.display().to_string();
+    let options: &[&str] = &["--policy", policy, "--events", &events];
+    stack_bytes(root, controller, arguments, (&folder, options))
+}
+
 /// Returns the largest stack usage of a whole mission, from take-off to landing.
 fn stack_bytes(
     root: &Path,
-    images: &Images,
+    controller: &Controller,
     arguments: &BuildArguments,
     (out, more): (&Path, &[&str]),
 ) -> Result<u64> {
     let host = hil::host(root, arguments)?;
-    let board = Board::start(root, &images.controller, false)?;
+    let board = Board::start(root, &controller.image, false)?;
     let there = format!("tcp:127.0.0.1:{}", board.port);
     let output = Command::new(host)
         .current_dir(root)

@@ -18,6 +18,8 @@ pub(crate) struct Sizes {
     pub(crate) bss: u32,
     /// The part of `data` and `bss` that is the planner's memory.
     pub(crate) planner: u32,
+    /// The part of `bss` in which the network for any mission is evaluated.
+    pub(crate) sets_work: u32,
 }
 
 impl Sizes {
@@ -42,9 +44,15 @@ impl Sizes {
         }
         ensure!(sizes.text > 0, "no code");
         for symbol in image.symbols() {
-            // The statics of firmware/src/planner.rs; the names are mangled.
-            if symbol.kind() == SymbolKind::Data && symbol.name()?.contains("PLANNER") {
-                sizes.planner += u32::try_from(symbol.size())?;
+            if symbol.kind() != SymbolKind::Data {
+                continue;
+            }
+            // The statics of firmware/src/planner.rs and trained.rs; the names are mangled.
+            let (name, size) = (symbol.name()?, u32::try_from(symbol.size())?);
+            if name.contains("PLANNER") {
+                sizes.planner += size;
+            } else if name.contains("SETS_WORK") {
+                sizes.sets_work += size;
             }
         }
         Ok(sizes)

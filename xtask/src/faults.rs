@@ -117,7 +117,7 @@ fn fly(
         // Until QEMU has opened its ports, no other thread may look for free ones.
         static STARTING: Mutex<()> = Mutex::new(());
         let _turn = STARTING.lock().unwrap_or_else(PoisonError::into_inner);
-        let board = Board::start(root, &images.controller, false)?;
+        let board = Board::start(root, &images.chosen().image, false)?;
         thread::sleep(Duration::from_millis(200));
         board
     };
@@ -132,7 +132,7 @@ fn fly(
         .args(["--seed", &seed.to_string()])
         .args(["--schedules", &schedules.to_string()])
         .arg("--policy")
-        .arg(&images.policy)
+        .arg(&images.chosen().policy)
         .output()
         .context("host-sim could not be started")?;
     let said = String::from_utf8_lossy(&output.stderr);

@@ -1,9 +1,9 @@
 //! Hardware in the loop: compares missions whose controller is the image in QEMU with the same
 //! missions on this machine in the same precision: by the trained policy, by the planner, by the
 //! planner with changes of the mission in flight and a key of the ground link, and with MAVLink
-//! signing, which a board begins without a clock. Waypoints and users must be equal, rates must agree
-//! within [`RATE_TOLERANCE`], every signed frame must be valid; an image with a damaged policy must
-//! refuse to fly.
+//! signing, which a board begins without a clock; and by the policy for any mission on two maps, with
+//! changes. Waypoints and users must be equal, rates must agree within [`RATE_TOLERANCE`], every
+//! signed frame must be valid; an image with a damaged policy must refuse to fly.
 
 use std::{
     fs,
@@ -16,15 +16,18 @@ use std::{
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use firmware_core::autopilot::wire::{
-    Decoder,
-    signing::{SigningKey, SigningState, SigningTime, Verifier},
+use firmware_core::{
+    Position, USERS_MAX,
+    autopilot::wire::{
+        Decoder,
+        signing::{SigningKey, SigningState, SigningTime, Verifier},
+    },
 };
 use scenario::ScenarioChoice;
 use serde_json::Value;
 
 use crate::{
-    build::{self, BuildArguments, Images},
+    build::{self, BuildArguments, Controller, Images},
     qemu::{self, Board},
 };
 
@@ -44,25 +47,43 @@ pub(crate) struct HilArguments {
     more: Vec<String>,
 }
 
+/// A mission that is flown twice.
+struct Pair<'a> {
+    name: &'static str,
+    controller: &'a Controller,
+    scenario: &'a str,
+    /// The options that only the flight in the host process has.
+    own: &'a [&'a str],
+    /// The options of both flights.
+    both: &'a [&'a str],
+}
+
 /// Flies the missions and compares them.
 pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     let images = build::run(root, &arguments.build)?;
     let host = host(root, &arguments.build)?;
-    refuses_damage(root, &images)?;
-    let out = build::folder(root).join("hil");
+    for controller in [&images.one_mission, &images.any_mission] {
+        refuses_damage(root, controller)?;
+    }
+    fly_scenario(root, (&host, &images), arguments)?;
+    fly_any_mission(root, (&host, &images), arguments)
+}
+
+/// Flies the chosen scenario, by every rule of the image with the chosen policy.
+fn fly_scenario(
+    root: &Path,
+    (host, images): (&Path, &Images),
+    arguments: &HilArguments,
+) -> Result<()> {
+    let out = folder(root);
     let events = write_events(&out, &arguments.scenario)?;
     let events = events.display().to_string();
-    let policy = images.policy.display().to_string();
+    let controller = images.chosen();
+    let policy = controller.policy.display().to_string();
     let ground_key = write_key(&out)?.display().to_string();
     let mavlink_key = write_mavlink_key(&out)?.display().to_string();
-    let authenticated = [
-        "--policy",
-        "plan",
-        "--events",
-        &events,
-        "--ground-key",
-        &ground_key,
-    ];
+    let changed = ["--policy", "plan", "--events", &events];
+    let authenticated = [&changed[..], &["--ground-key", &ground_key]].concat();
     let signed = [
         "--policy",
         "straight-line",
@@ -73,57 +94,20 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     ];
     let pairs: [(&str, &[&str], &[&str]); 5] = [
         ("trained", &["--policy", &policy], &[]),
-        ("plan", &["--policy", "plan"], &["--policy", "plan"]),
-        (
-            "plan-with-changes",
-            &["--policy", "plan", "--events", &events],
-            &["--policy", "plan", "--events", &events],
-        ),
-        ("authenticated", &authenticated, &authenticated),
-        (SIGNED, &signed, &signed),
+        ("plan", &[], &["--policy", "plan"]),
+        ("plan-with-changes", &[], &changed),
+        ("authenticated", &[], &authenticated),
+        (SIGNED, &[], &signed),
     ];
-    for (name, own, image) in pairs {
-        let fly = |place: &str, controller: &[&str], policy: &[&str]| {
-            let name = format!("{name}, {place}");
-            let out = out.join(name.replace(", ", "-"));
-            let begun = Instant::now();
-            let state = out.with_extension("signing.json");
-            let mut run = Command::new(&host);
-            if policy == signed {
-                // That of an earlier run would be later than the simulated time.
-                let _ = fs::remove_file(&state);
-                run.arg("run").arg("--signing-state").arg(&state);
-            } else {
-                run.arg("run");
-            }
-            run.current_dir(root)
-                .args(["--json", "--scenario", &arguments.scenario])
-                .args(controller)
-                .args(policy)
-                .args(&arguments.more)
-                .arg("--out")
-                .arg(&out);
-            let flight = Flight::of(&run.output()?, &out).context(name.clone())?;
-            println!(
-                "{name}: {} slots, {:.3} bit/s/Hz, {:.1} m from the destination, {:.1} s{}",
-                flight.slots.len(),
-                flight.sum_rate,
-                flight.arrival_distance_m,
-                begun.elapsed().as_secs_f64(),
-                flight.note
-            );
-            if policy == signed {
-                check_signatures(&out.join("mavlink.tlog"), &state).context(name)?;
-            }
-            anyhow::Ok(flight)
+    for (name, own, both) in pairs {
+        let pair = Pair {
+            name,
+            controller,
+            scenario: &arguments.scenario,
+            own,
+            both,
         };
-        let in_process = ["--controller", "in-process", "--precision", "f32"];
-        let own = fly("in-process", &in_process, own)?;
-        let board = Board::start(root, &images.controller, false)?;
-        let there = format!("tcp:127.0.0.1:{}", board.port);
-        let image = fly("image", &["--controller", &there], image)?;
-        drop(board);
-        compare(&image, &own)?;
+        fly_pair(root, host, &pair, &arguments.more)?;
     }
     let state = |place: &str| fs::read(out.join(format!("{SIGNED}-{place}.signing.json")));
     let (own, image) = (state("in-process")?, state("image")?);
@@ -135,6 +119,87 @@ pub(crate) fn run(root: &Path, arguments: &HilArguments) -> Result<()> {
     );
     println!("signing: the states after the flight are equal");
     Ok(())
+}
+
+/// Flies missions with different users and sensors by the policy for any mission, with changes in
+/// flight.
+fn fly_any_mission(
+    root: &Path,
+    (host, images): (&Path, &Images),
+    arguments: &HilArguments,
+) -> Result<()> {
+    let controller = &images.any_mission;
+    let policy = controller.policy.display().to_string();
+    for (name, scenario) in [
+        ("any-mission", "separated"),
+        ("any-mission-random", "benchmarks/random-0001.toml"),
+    ] {
+        let events = write_changes(&folder(root), scenario)?;
+        let events = events.display().to_string();
+        let pair = Pair {
+            name,
+            controller,
+            scenario,
+            own: &["--policy", &policy],
+            both: &["--events", &events],
+        };
+        fly_pair(root, host, &pair, &arguments.more)?;
+    }
+    Ok(())
+}
+
+/// Returns the directory for the files of the flights.
+fn folder(root: &Path) -> PathBuf {
+    build::folder(root).join("hil")
+}
+
+/// Flies a mission in a host process and with the image, and compares the flights.
+fn fly_pair(root: &Path, host: &Path, pair: &Pair<'_>, more: &[String]) -> Result<()> {
+    let is_signed = pair.name == SIGNED;
+    let fly = |place: &str, controller: &[&str]| {
+        let name = format!("{}, {place}", pair.name);
+        let out = folder(root).join(name.replace(", ", "-"));
+        let begun = Instant::now();
+        let state = out.with_extension("signing.json");
+        let mut run = Command::new(host);
+        run.arg("run");
+        if is_signed {
+            // That of an earlier run would be later than the simulated time.
+            let _ = fs::remove_file(&state);
+            run.arg("--signing-state").arg(&state);
+        }
+        run.current_dir(root)
+            .args(["--json", "--scenario", pair.scenario])
+            .args(controller)
+            .args(pair.both)
+            .args(more)
+            .arg("--out")
+            .arg(&out);
+        let flight = Flight::of(&run.output()?, &out).context(name.clone())?;
+        println!(
+            "{name}: {} slots, {:.3} bit/s/Hz, {:.1} m from the destination, {:.1} s{}",
+            flight.slots.len(),
+            flight.sum_rate,
+            flight.arrival_distance_m,
+            begun.elapsed().as_secs_f64(),
+            flight.note
+        );
+        if is_signed {
+            check_signatures(&out.join("mavlink.tlog"), &state).context(name)?;
+        }
+        anyhow::Ok(flight)
+    };
+    let in_process = [
+        &["--controller", "in-process", "--precision", "f32"],
+        pair.own,
+    ]
+    .concat();
+    let own = fly("in-process", &in_process)?;
+    let board = Board::start(root, &pair.controller.image, false)?;
+    let there = format!("tcp:127.0.0.1:{}", board.port);
+    let image = fly("image", &["--controller", &there])?;
+    drop(board);
+    compare(&image, &own)
 }
 
 /// The name of the signed flight.
@@ -214,6 +279,38 @@ pub(crate) fn write_events(folder: &Path, scenario: &str) -> Result<PathBuf> {
     );
     fs::create_dir_all(folder)?;
     let path = folder.join("events.toml");
+    fs::write(&path, text).with_context(|| path.display().to_string())?;
+    Ok(path)
+}
+
+/// Writes changes of every kind for a scenario: the second user leaves and returns, the first user
+/// moves to the destination, a user joins if there is one more, the first sensor leaves, and the
+/// threshold changes. Returns the path of the file.
+fn write_changes(folder: &Path, scenario: &str) -> Result<PathBuf> {
+    let chosen = ScenarioChoice::unchanged(scenario.into());
+    let scenario = chosen.load().map_err(anyhow::Error::msg)?;
+    let mission = scenario.mission.parameters();
+    let slot = |eighths: u32| mission.slots * eighths / 8 + 1;
+    let at = |place: &Position<f64>| format!("position_m = [{:?}, {:?}]", place.x, place.y);
+    let second = mission.users.get(1).context("only one user")?;
+    let mut changes = vec![
+        (slot(2), "user = 1\nleaves = true".to_owned()),
+        (slot(3), format!("user = 0\n{}", at(&mission.destination))),
+        (slot(4), format!("user = 1\n{}", at(second))),
+        (slot(5), "sensor = 0\nleaves = true".to_owned()),
+        (
+            slot(6),
+            format!("mse_threshold = {:?}", 1.01 * mission.mse_threshold),
+        ),
+    ];
+    let users = mission.users.len();
+    if users < USERS_MAX {
+        changes.push((slot(3), format!("user = {users}\n{}", at(&mission.start))));
+    }
+    let event = |(slot, change): (u32, String)| format!("[[event]]\nslot = {slot}\n{change}\n\n");
+    let text: String = changes.into_iter().map(event).collect();
+    fs::create_dir_all(folder)?;
+    let path = folder.join("changes.toml");
     fs::write(&path, text).with_context(|| path.display().to_string())?;
     Ok(path)
 }
@@ -365,9 +462,9 @@ fn compare(image: &Flight, own: &Flight) -> Result<()> {
 }
 
 /// Flips a bit of the policy in the image's flash: the image must report it and end as a failure.
-fn refuses_damage(root: &Path, images: &Images) -> Result<()> {
-    let policy = fs::read(&images.policy)?;
-    let mut image = fs::read(&images.controller)?;
+fn refuses_damage(root: &Path, controller: &Controller) -> Result<()> {
+    let policy = fs::read(&controller.policy)?;
+    let mut image = fs::read(&controller.image)?;
     let at = image
         .windows(policy.len())
         .position(|window| window == policy)

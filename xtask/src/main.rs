@@ -17,6 +17,7 @@ mod page;
 mod panics;
 mod planner;
 mod qemu;
+mod sets;
 mod tools;
 
 use std::{
@@ -47,7 +48,7 @@ enum Command {
 
 #[derive(Debug, Subcommand)]
 enum Firmware {
-    /// Build the image around a trained policy
+    /// Build the images around trained policies
     Build(build::BuildArguments),
     /// Measure the instructions and bytes of the image, write the table in docs/target.md, and fail
     /// if a figure has grown by more than 3 % over firmware/baseline.json

@@ -69,7 +69,7 @@ const fn accepted(name: &'static str, entry_point: &'static str) -> Probe {
     }
 }
 
-const PROBES: [Probe; 42] = [
+const PROBES: [Probe; 43] = [
     single(
         "slot_exact",
         "slot problem, exact: `Workspace::sensors`, `SensorField::solve`",
@@ -167,6 +167,10 @@ const PROBES: [Probe; 42] = [
     gated(
         "onboard_poll",
         "the whole onboard computer, all policies: `Onboard::receive_ground`, `Onboard::receive_mavlink`, `Onboard::poll`, `Onboard::take_ground_frame`, `Onboard::take_mavlink_frame`",
+    ),
+    gated(
+        "onboard_poll_any",
+        "the same with the policy for any mission",
     ),
     single("console_decode", "console: `Calls::push`"),
     gated("console_build", "console: `MissionOrder::build`"),

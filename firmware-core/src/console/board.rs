@@ -17,15 +17,19 @@ use crate::{
     mission::MissionChange,
     onboard::{Onboard, OnboardSettings},
     planner::{Capacity, Memory, OperationsInFlight, Planner, PlannerError},
-    policy::{Action, MeasuredGains, Observation, PlanQuality, Policy, StraightLine, mlp::Mlp},
+    policy::{
+        Action, MeasuredGains, Observation, PlanQuality, Policy, Provenance, StraightLine,
+        mlp::Mlp,
+        sets::{EvaluateSets, SetsPolicy},
+    },
     time::Instant,
 };
 
 /// A mission in the board's precision.
 pub type BoardMission = Mission<f32, USERS_MAX, SENSORS_MAX>;
 
-/// The onboard computer of a board with its policy in flash, `B`, and its planner, `P`.
-pub type BoardComputer<B, P> = Onboard<f32, BoardPolicy<B, P>, USERS_MAX, SENSORS_MAX>;
+/// The onboard computer of a board with its trained policy, `R`, and its planner, `P`.
+pub type BoardComputer<R, P> = Onboard<f32, BoardPolicy<R, P>, USERS_MAX, SENSORS_MAX>;
 
 /// The planner of a board, with the memory `S`.
 pub type BoardPlanner<S> = Planner<f32, S, USERS_MAX, SENSORS_MAX>;
@@ -78,24 +82,50 @@ fn board_settings() -> OnboardSettings {
     }
 }
 
+/// A trained policy of a board.
+pub trait TrainedPolicy: Policy<f32, USERS_MAX> {
+    /// Returns the origin of a policy that was trained for one mission, or `None` for a policy for
+    /// any mission.
+    fn provenance(&self) -> Option<&Provenance>;
+}
+
+impl<B: AsRef<[u8]>> TrainedPolicy for Mlp<B> {
+    fn provenance(&self) -> Option<&Provenance> {
+        Some(self.provenance())
+    }
+}
+
+/// The policy must have been created for the mission of the order.
+impl<N: EvaluateSets> TrainedPolicy for SetsPolicy<f32, N, USERS_MAX, SENSORS_MAX> {
+    fn provenance(&self) -> Option<&Provenance> {
+        None
+    }
+}
+
+impl<R: TrainedPolicy + ?Sized> TrainedPolicy for &mut R {
+    fn provenance(&self) -> Option<&Provenance> {
+        (**self).provenance()
+    }
+}
+
 /// The policies of a board.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)] // no allocator
-pub enum BoardPolicy<B, P> {
-    /// A trained policy in flash.
-    Trained(Mlp<B>),
+pub enum BoardPolicy<R, P> {
+    /// The trained policy in flash, or a reference to it.
+    Trained(R),
     /// The rule-based policy.
     StraightLine(StraightLine<f32, USERS_MAX>),
     /// The planner, or a reference to it: see [`board_planner`].
     Plan(P),
 }
 
-impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> BoardPolicy<B, P> {
+impl<R: TrainedPolicy, P: Policy<f32, USERS_MAX>> BoardPolicy<R, P> {
     /// Returns the digest of the mission that the policy was trained for, or `None` if it was not
-    /// trained.
+    /// trained or is for any mission.
     pub fn scenario_digest(&self) -> Option<&String<64>> {
         match self {
-            Self::Trained(policy) => Some(&policy.provenance().scenario_digest),
+            Self::Trained(policy) => Some(&policy.provenance()?.scenario_digest),
             Self::StraightLine(_) | Self::Plan(_) => None,
         }
     }
@@ -117,7 +147,7 @@ impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> BoardPolicy<B, P> {
     }
 }
 
-impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> Policy<f32, USERS_MAX> for BoardPolicy<B, P> {
+impl<R: TrainedPolicy, P: Policy<f32, USERS_MAX>> Policy<f32, USERS_MAX> for BoardPolicy<R, P> {
     fn decide(&mut self, observation: &Observation<'_, f32>) -> Action<f32, USERS_MAX> {
         self.chosen_mut().decide(observation)
     }
@@ -140,8 +170,8 @@ impl<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>> Policy<f32, USERS_MAX> for Board
 }
 
 /// Returns the report of a board whose order was accepted.
-pub fn ready<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>>(
-    computer: &BoardComputer<B, P>,
+pub fn ready<R: TrainedPolicy, P: Policy<f32, USERS_MAX>>(
+    computer: &BoardComputer<R, P>,
 ) -> BoardReport {
     let policy = computer.controller().policy();
     BoardReport::Ready {
@@ -176,17 +206,19 @@ impl MissionOrder {
     }
 
     /// Creates the policy of this order.
-    fn policy<B: AsRef<[u8]> + Clone, P>(
+    fn policy<R: TrainedPolicy, P>(
         &self,
         mission: &BoardMission,
-        trained: Option<&Mlp<B>>,
+        trained: Option<R>,
         planner: Option<P>,
-    ) -> Result<BoardPolicy<B, P>, OrderError> {
+    ) -> Result<BoardPolicy<R, P>, OrderError> {
         Ok(match self.policy_kind {
             PolicyKind::Trained => {
                 let trained = trained.ok_or(OrderError::NoPolicy)?;
-                trained.provenance().check(mission)?;
-                BoardPolicy::Trained(trained.clone())
+                if let Some(provenance) = trained.provenance() {
+                    provenance.check(mission)?;
+                }
+                BoardPolicy::Trained(trained)
             }
             PolicyKind::StraightLine => BoardPolicy::StraightLine(StraightLine::new(mission)),
             PolicyKind::Plan => BoardPolicy::Plan(planner.ok_or(OrderError::NoPlanner)?),
@@ -194,17 +226,19 @@ impl MissionOrder {
     }
 
     /// Creates the onboard computer that flies this order once it is [launched](Self::launch).
-    /// `trained` is the policy of the board, if it has one, and `planner` its planner for the
-    /// mission, which is used where the order asks for [`PolicyKind::Plan`].
+    /// `trained` is the policy in the flash of the board, if it has one, which is used where the
+    /// order asks for [`PolicyKind::Trained`], and `planner` its planner, which is used where the
+    /// order asks for [`PolicyKind::Plan`]. The planner, and a policy for any mission, must have been
+    /// created for the mission of this order.
     ///
     /// # Errors
     /// Returns an error if the mission is invalid, if there is no such policy, if the policy is for
     /// another mission, or if the autopilot settings are invalid.
-    pub fn build<B: AsRef<[u8]> + Clone, P: Policy<f32, USERS_MAX>>(
+    pub fn build<R: TrainedPolicy, P: Policy<f32, USERS_MAX>>(
         &self,
-        trained: Option<&Mlp<B>>,
+        trained: Option<R>,
         planner: Option<P>,
-    ) -> Result<BoardComputer<B, P>, OrderError> {
+    ) -> Result<BoardComputer<R, P>, OrderError> {
         let mission = BoardMission::new(self.mission.clone())?;
         let policy = self.policy(&mission, trained, planner)?;
         let autopilot = Autopilot::new(self.flight())?;
@@ -219,12 +253,12 @@ impl MissionOrder {
     ///
     /// # Errors
     /// As [`build`](Self::build), and if the memory is in use.
-    pub fn build_in<'p, B: AsRef<[u8]> + Clone, P: Policy<f32, USERS_MAX>>(
+    pub fn build_in<'p, R: TrainedPolicy, P: Policy<f32, USERS_MAX>>(
         &self,
-        memory: &mut Option<&'p mut MaybeUninit<BoardComputer<B, P>>>,
-        trained: Option<&Mlp<B>>,
+        memory: &mut Option<&'p mut MaybeUninit<BoardComputer<R, P>>>,
+        trained: Option<R>,
         planner: Option<P>,
-    ) -> Result<&'p mut BoardComputer<B, P>, OrderError> {
+    ) -> Result<&'p mut BoardComputer<R, P>, OrderError> {
         let mission = BoardMission::new(self.mission.clone())?;
         let policy = self.policy(&mission, trained, planner)?;
         let flight = self.flight();
@@ -236,9 +270,9 @@ impl MissionOrder {
         Ok(computer)
     }
 
-    fn authenticate<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>>(
+    fn authenticate<R: TrainedPolicy, P: Policy<f32, USERS_MAX>>(
         &self,
-        computer: &mut BoardComputer<B, P>,
+        computer: &mut BoardComputer<R, P>,
     ) {
         if let Some(credentials) = &self.ground_link {
             computer.authenticate_ground(credentials.clone());
@@ -247,9 +281,9 @@ impl MissionOrder {
 
     /// Launches the computer that was [built](Self::build) for this order, with the order's MAVLink
     /// key. This is not a part of `build`, so that the stack does not hold the computer twice.
-    pub fn launch<B: AsRef<[u8]>, P: Policy<f32, USERS_MAX>>(
+    pub fn launch<R: TrainedPolicy, P: Policy<f32, USERS_MAX>>(
         &self,
-        computer: &mut BoardComputer<B, P>,
+        computer: &mut BoardComputer<R, P>,
         now: Instant,
     ) {
         if let Some(ordered) = &self.mavlink_key {

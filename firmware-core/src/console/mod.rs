@@ -29,7 +29,7 @@ mod protocol;
 
 pub use board::{
     BoardComputer, BoardMission, BoardPlanner, BoardPolicy, PLANNER_CAPACITY,
-    PLANNER_OPERATIONS_PER_POLL, PlannerBytes, PlannerNumbers, board_planner, ready,
+    PLANNER_OPERATIONS_PER_POLL, PlannerBytes, PlannerNumbers, TrainedPolicy, board_planner, ready,
 };
 pub use mavlink_key::MavlinkKey;
 pub use order::{Clock, MissionOrder, OrderError, PolicyKind, in_single_precision, slot_patience};

@@ -11,7 +11,7 @@ use crate::{
     link::Credentials,
     mission::{MissionError, MissionParameters},
     planner::PlannerError,
-    policy::PolicyMismatch,
+    policy::{PolicyMismatch, sets::SetsMismatch},
     scalar::{Position, Scalar},
     time::Duration,
 };
@@ -19,7 +19,7 @@ use crate::{
 /// The policy that a board uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PolicyKind {
-    /// The trained policy in the board's flash.
+    /// The trained policy in the board's flash, whether it is for one mission or for any.
     Trained,
     /// Straight to the destination, serving the nearest user.
     StraightLine,
@@ -69,6 +69,9 @@ pub enum OrderError {
     /// The trained policy is for another mission.
     #[error(transparent)]
     Policy(#[from] PolicyMismatch),
+    /// The mission is too large for the board's policy for any mission.
+    #[error(transparent)]
+    TooLarge(#[from] SetsMismatch),
     /// The board's planner cannot plan the mission.
     #[error("planner: {0}")]
     Planner(#[from] PlannerError),

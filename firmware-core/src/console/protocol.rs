@@ -146,7 +146,7 @@ pub enum BoardReport {
     /// The order was accepted.
     Ready {
         /// The digest of the mission that the policy was trained for, by which the bench finds that
-        /// it is another mission; `None` if the policy is a rule.
+        /// it is another mission; `None` if the policy is a rule, or is for any mission.
         scenario_digest: Option<String<DIGEST_LENGTH>>,
     },
     /// The order was refused for this reason; another may follow.

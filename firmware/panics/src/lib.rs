@@ -31,12 +31,8 @@ pub type Trained = Mlp<&'static [u8]>;
 pub type AnyNetwork = SetsNetwork<&'static [u8]>;
 
 /// The trained policy for any mission.
-pub type AnyMission = SetsPolicy<
-    f32,
-    NetworkWithWork<&'static [u8], &'static mut SetsWork>,
-    USERS_MAX,
-    SENSORS_MAX,
->;
+pub type AnyMission =
+    SetsPolicy<f32, NetworkWithWork<&'static [u8], &'static mut SetsWork>, USERS_MAX, SENSORS_MAX>;
 
 /// The controller of a board with a trained policy.
 pub type TrainedController = Controller<f32, Trained, USERS_MAX, SENSORS_MAX>;
@@ -45,7 +41,10 @@ pub type TrainedController = Controller<f32, Trained, USERS_MAX, SENSORS_MAX>;
 pub type Planner = BoardPlanner<(&'static mut PlannerNumbers, &'static mut PlannerBytes)>;
 
 /// The onboard computer of a board, with all its policies.
-pub type Computer = BoardComputer<&'static [u8], &'static mut Planner>;
+pub type Computer = BoardComputer<Trained, &'static mut Planner>;
+
+/// The same with the policy for any mission in flash.
+pub type AnyMissionComputer = BoardComputer<&'static mut AnyMission, &'static mut Planner>;
 
 #[cfg(not(feature = "diagnose"))]
 unsafe extern "C" {

@@ -12,7 +12,7 @@ use core::cell::Cell;
 
 use cortex_m_semihosting::hprintln;
 use firmware::{
-    TRAINED,
+    ONE_MISSION_POLICY,
     board::{
         Board,
         mps2::{self, Mps2},
@@ -47,7 +47,7 @@ fn main() -> ! {
     let Some(mut board) = Mps2::take() else {
         unreachable!("the board is taken once");
     };
-    let trained = match Mlp::load(TRAINED) {
+    let trained = match Mlp::load(ONE_MISSION_POLICY) {
         Ok(policy) => policy,
         Err(error) => board.halt(&error),
     };

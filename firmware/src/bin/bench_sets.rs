@@ -1,25 +1,28 @@
-//! What a decision of the policy for any mission costs, in instructions, at full capacity: 16 users,
-//! 64 sensors, a network of the intended size with random weights.
+//! What a decision of the policy for any mission costs, in instructions, at full capacity: 16 users
+//! and 64 sensors, with the policy that is in flash, over missions of each channel model.
 //!
-//! One line of JSON per part goes out by semihosting. Run under `-icount shift=6`, where an
-//! instruction takes 64 ns of the timer's time.
+//! One line of JSON per part goes out by semihosting; `cargo xtask firmware bench` runs this under
+//! `-icount shift=6`, where an instruction takes 64 ns of the timer's time.
 #![no_std]
 #![no_main]
 
 use cortex_m_semihosting::hprintln;
-use firmware::board::{
-    Board,
-    mps2::{self, Mps2},
+use firmware::{
+    ANY_MISSION_POLICY,
+    board::{
+        Board,
+        mps2::{self, Mps2},
+    },
 };
 use firmware_core::{
-    Mission, Position, SENSORS_MAX, USERS_MAX,
-    inner::Workspace,
-    mission::MissionParameters,
+    Position, SENSORS_MAX, USERS_MAX,
+    console::BoardMission,
+    mission::{MissionParameters, RadioModel},
     policy::{
         Observation, Policy,
         sets::{
-            Architecture, NetworkWithWork, Precision, SetsHeader, SetsNetwork, SetsObservation, SetsPolicy,
-            SetsProvenance, SetsWork, write,
+            EvaluateSets, NetworkWithWork, SetsNetwork, SetsObservation, SetsOutput, SetsPolicy,
+            SetsWork,
         },
     },
     shield::Agility,
@@ -27,25 +30,100 @@ use firmware_core::{
 
 /// Nanoseconds of an instruction at `-icount shift=6`.
 const NANOS_PER_INSTRUCTION: u64 = 64;
-const DECISIONS: u32 = 20;
-/// The largest file.
-const FILE_MAX: usize = 400_000;
-const INTENDED: Architecture = Architecture {
-    width: 64,
-    hidden: 192,
-    layers: 3,
-};
+/// Missions of each channel model.
+const MISSIONS_EACH: u32 = 8;
+/// Decisions in each mission.
+const DECISIONS: u32 = 8;
+const MODELS: [RadioModel; 4] = [
+    RadioModel::ProbabilisticLos,
+    RadioModel::UmaAv,
+    RadioModel::UmiAv,
+    RadioModel::RmaAv,
+];
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let Some(board) = Mps2::take() else {
+    let Some(mut board) = Mps2::take() else {
         unreachable!("the board is taken once");
     };
-    measure(&board);
+    let work = cortex_m::singleton!(SETS_WORK: SetsWork = const { SetsWork::new() });
+    let Some(work) = work else {
+        unreachable!("the memory is taken once");
+    };
+    let network = match SetsNetwork::load(ANY_MISSION_POLICY, work) {
+        Ok(network) => network,
+        Err(error) => board.halt(&error),
+    };
+    let mut measured = Measured {
+        board: &board,
+        network: NetworkWithWork { network, work },
+        cycles: 0,
+    };
+    let mut noise = Noise(1);
+    let [mut observation, mut decision] = [Part::default(); 2];
+    for model in MODELS {
+        for _ in 0..MISSIONS_EACH {
+            let mission = mission(&mut noise, model);
+            let policy = SetsPolicy::new(&mut measured, &mission);
+            let Ok(mut policy) = policy else {
+                unreachable!("the mission is within the capacity");
+            };
+            for _ in 0..DECISIONS {
+                let state = Observation {
+                    slot: 20,
+                    counts: &[1; USERS_MAX],
+                    rate: 0.0,
+                    mse: 0.0,
+                    position: noise.place(),
+                    agility: Agility::ideal(&mission),
+                };
+                let begun = board.cycles();
+                let action = policy.decide(&state);
+                let whole = board.cycles().wrapping_sub(begun);
+                assert!(action.user_scores.len() == USERS_MAX && action.displacement.norm() < 31.0);
+                decision.note(whole);
+                observation.note(whole - policy.network().cycles);
+            }
+        }
+    }
+    observation.print("observation");
+    decision.print("decision");
     mps2::succeed()
 }
 
-/// xorshift, for places and weights.
+/// Returns a mission of full capacity over a random map.
+fn mission(noise: &mut Noise, radio_model: RadioModel) -> BoardMission {
+    let mission = BoardMission::new(MissionParameters {
+        users: (0..USERS_MAX).map(|_| noise.place()).collect(),
+        sensors: (0..SENSORS_MAX).map(|_| noise.place()).collect(),
+        mse_threshold: 0.6 / SENSORS_MAX as f32,
+        radio_model,
+        ..MissionParameters::table_one()
+    });
+    match mission {
+        Ok(mission) => mission,
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// The network, measured.
+struct Measured<'b> {
+    board: &'b Mps2,
+    network: NetworkWithWork<&'static [u8], &'static mut SetsWork>,
+    /// Of the last evaluation.
+    cycles: u32,
+}
+
+impl EvaluateSets for &mut Measured<'_> {
+    fn evaluate(&mut self, observation: &SetsObservation) -> Option<SetsOutput> {
+        let begun = self.board.cycles();
+        let output = self.network.evaluate(observation);
+        self.cycles = self.board.cycles().wrapping_sub(begun);
+        output
+    }
+}
+
+/// xorshift, for places.
 struct Noise(u32);
 
 impl Noise {
@@ -62,80 +140,31 @@ impl Noise {
     }
 }
 
-fn measure(board: &Mps2) {
-    let mut noise = Noise(1);
-    let mission = Mission::<f32>::new(MissionParameters {
-        users: (0..USERS_MAX).map(|_| noise.place()).collect(),
-        sensors: (0..SENSORS_MAX).map(|_| noise.place()).collect(),
-        mse_threshold: 0.6 / SENSORS_MAX as f32,
-        ..MissionParameters::table_one()
-    })
-    .expect("a valid mission");
-    let mut workspace = Workspace::default();
-    let mut observe = |slot: u32, position: Position<f32>| {
-        let observation = Observation {
-            slot,
-            counts: &[1; USERS_MAX],
-            rate: 0.0,
-            mse: 0.0,
-            position,
-            agility: Agility::ideal(&mission),
-        };
-        SetsObservation::new(&mission, &observation, &mut workspace)
-    };
-    let memory = cortex_m::singleton!(: [u8; FILE_MAX] = [0; FILE_MAX]).expect("once");
-    let work = cortex_m::singleton!(: Option<SetsWork> = None).expect("once");
-    let work = work.insert(SetsWork::default());
-    let test = observe(20, noise.place());
-    let provenance = SetsProvenance {
-        algorithm: heapless::String::new(),
-        missions: heapless::String::new(),
-        episodes: 0,
-        seed: 0,
-    };
-    let header = SetsHeader::new(provenance, INTENDED, Precision::Half, &test);
-    let weights = (0..INTENDED.weight_count()).map(|_| 0.4 * (noise.unit() - 0.5));
-    let length = write(&header, weights, &test, work, memory).expect("fits");
-    let file: &'static [u8] = &memory[..length];
-    hprintln!("{{\"file_bytes\":{}}}", length);
-    let network = SetsNetwork::load(file, work).expect("sound");
-    let mut policy = SetsPolicy::new(NetworkWithWork { network, work }, &mission).expect("fits");
-    let mut noise = Noise(7);
-    part(board, "observation for any mission", || {
-        let seen = observe(20, noise.place());
-        assert_eq!(seen.user_count, USERS_MAX);
-    });
-    part(board, "decision for any mission", || {
-        let observation = Observation {
-            slot: 20,
-            counts: &[1; USERS_MAX],
-            rate: 0.0,
-            mse: 0.0,
-            position: noise.place(),
-            agility: Agility::ideal(&mission),
-        };
-        let action = policy.decide(&observation);
-        assert_eq!(action.user_scores.len(), USERS_MAX);
-    });
+/// The largest and the sum, in cycles of the timer.
+#[derive(Clone, Copy, Debug, Default)]
+struct Part {
+    worst: u32,
+    sum: u64,
+    count: u32,
 }
 
-/// Measures what a part costs, at most and on average.
-fn part(board: &Mps2, name: &str, mut run: impl FnMut()) {
-    let (mut worst, mut sum) = (0_u32, 0_u64);
-    for _ in 0..DECISIONS {
-        let begun = board.cycles();
-        run();
-        let cycles = board.cycles().wrapping_sub(begun);
-        worst = worst.max(cycles);
-        sum += u64::from(cycles);
+impl Part {
+    fn note(&mut self, cycles: u32) {
+        self.worst = self.worst.max(cycles);
+        self.sum += u64::from(cycles);
+        self.count += 1;
     }
-    let instructions =
-        |cycles: u64| (cycles * u64::from(Mps2::NANOS_PER_CYCLE)).div_ceil(NANOS_PER_INSTRUCTION);
-    hprintln!(
-        "{{\"part\":\"{}\",\"worst\":{},\"mean\":{},\"count\":{}}}",
-        name,
-        instructions(worst.into()),
-        instructions(sum / u64::from(DECISIONS)),
-        DECISIONS
-    );
+
+    fn print(&self, name: &str) {
+        let instructions = |cycles: u64| {
+            (cycles * u64::from(Mps2::NANOS_PER_CYCLE)).div_ceil(NANOS_PER_INSTRUCTION)
+        };
+        hprintln!(
+            "{{\"part\":\"{}\",\"worst\":{},\"mean\":{},\"count\":{}}}",
+            name,
+            instructions(self.worst.into()),
+            instructions(self.sum / u64::from(self.count.max(1))),
+            self.count
+        );
+    }
 }

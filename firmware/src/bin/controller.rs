@@ -1,8 +1,8 @@
-//! The image that flies.
+//! The image that flies, with a policy for one mission in flash.
 #![no_std]
 #![no_main]
 
-use firmware::{TRAINED, board::mps2::Mps2, flight};
+use firmware::{ONE_MISSION_POLICY, board::mps2::Mps2, flight, trained::OneMission};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
@@ -10,5 +10,5 @@ fn main() -> ! {
         // Nobody else runs before this.
         unreachable!("the board is taken once");
     };
-    flight::run(&mut board, TRAINED)
+    flight::run::<OneMission, _>(&mut board, ONE_MISSION_POLICY)
 }

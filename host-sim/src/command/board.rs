@@ -11,8 +11,8 @@ use firmware_core::{
     link::Credentials,
 };
 use host_sim::{
-    flight::computer::{Image, Twin, check_order, order},
-    policy::PolicyChoice,
+    flight::computer::{Image, OnboardComputer, Twin, check_order, order},
+    policy::{PolicyChoice, for_any_mission},
 };
 use link::{HostPort, key};
 use scenario::Scenario;
@@ -55,11 +55,12 @@ enum Precision {
 pub(crate) struct BoardChoice {
     /// Where the controller runs: in-process, or tcp:HOST:PORT for a board (docs/target.md) that has
     /// its ground link at PORT, MAVLink at PORT + 1 and its console at PORT + 2. A board flies the
-    /// policy in its flash memory, or plan or straight-line if --policy says so
+    /// policy in its flash memory (with --policy any it must be for any mission), or plan or
+    /// straight-line if --policy says so
     #[arg(long, default_value = "in-process", value_name = "WHERE")]
     controller: ControllerChoice,
     /// Floating-point precision of the in-process controller: f64, or f32 as on a board (only with
-    /// --policy F.policy, plan or straight-line). A board always computes in f32
+    /// --policy F.policy, any, plan or straight-line). A board always computes in f32
     #[arg(long, default_value = "f64")]
     precision: Precision,
 }
@@ -123,14 +124,23 @@ impl BoardChoice {
         match (&self.controller, policy) {
             (
                 ControllerChoice::Tcp(to),
-                PolicyChoice::Shipped | PolicyChoice::StraightLine | PolicyChoice::Plan,
+                PolicyChoice::Shipped
+                | PolicyChoice::Any
+                | PolicyChoice::StraightLine
+                | PolicyChoice::Plan,
             ) => {
                 let policy_kind = match policy {
-                    PolicyChoice::Shipped => PolicyKind::Trained,
+                    PolicyChoice::Shipped | PolicyChoice::Any => PolicyKind::Trained,
                     PolicyChoice::Plan => PolicyKind::Plan,
                     _ => PolicyKind::StraightLine,
                 };
                 let image = Image::connect(to, &ordered(policy_kind)).map_err(Failure::failed)?;
+                if *policy == PolicyChoice::Any && image.scenario_digest().is_some() {
+                    return Err(Failure::bad_input(
+                        "--policy any: the policy in the board's flash memory is for one mission; \
+                         `cargo xtask firmware build` also builds an image with the policy for any",
+                    ));
+                }
                 Ok(OpenBoard::Image(Box::new(image)))
             }
             (ControllerChoice::Tcp(_), other) => Err(Failure::bad_input(format!(
@@ -143,6 +153,10 @@ impl BoardChoice {
             (ControllerChoice::InProcess, PolicyChoice::Plan) => {
                 twin(&ordered(PolicyKind::Plan), None)
             }
+            (ControllerChoice::InProcess, PolicyChoice::Any) => {
+                let policy = Arc::from(for_any_mission());
+                twin(&ordered(PolicyKind::Trained), Some(policy))
+            }
             (ControllerChoice::InProcess, PolicyChoice::File(path)) if is_policy(path) => {
                 let named = |error| Failure::bad_input(format!("{}: {error}", path.display()));
                 twin(
@@ -151,8 +165,8 @@ impl BoardChoice {
                 )
             }
             (ControllerChoice::InProcess, other) => Err(Failure::bad_input(format!(
-                "--policy {other} cannot be used with --precision f32: use plan, straight-line or a \
-                 .policy file (`trainer convert F.onnx F.policy` writes one)"
+                "--policy {other} cannot be used with --precision f32: use any, plan, straight-line \
+                 or a .policy file (`trainer convert F.onnx F.policy` writes one)"
             ))),
         }
     }

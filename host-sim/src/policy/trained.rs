@@ -56,6 +56,11 @@ static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
 pub(super) const FOR_ANY_MISSION: (&str, &[u8]) =
     ("any.policy", include_bytes!("../../../models/any.policy"));
 
+/// Returns the `.policy` file of the shipped policy for any mission.
+pub fn for_any_mission() -> &'static [u8] {
+    FOR_ANY_MISSION.1
+}
+
 /// The number of policies for the missions of the paper's figures.
 const CELLS: usize = 16;
 

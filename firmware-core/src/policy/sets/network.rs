@@ -74,13 +74,7 @@ pub struct SetsWork {
 
 impl Default for SetsWork {
     fn default() -> Self {
-        Self {
-            tokens: [[[0.0; LANES]; WIDTH_MAX]; PANELS],
-            keys_values: [[[0.0; LANES]; 2 * WIDTH_MAX]; PANELS],
-            wide: [[0.0; LANES]; HIDDEN_MAX],
-            input: [[0.0; LANES]; WIDTH_MAX],
-            output: [[0.0; LANES]; WIDTH_MAX],
-        }
+        Self::new()
     }
 }
 
@@ -97,6 +91,18 @@ impl AsMut<Self> for SetsWork {
 }
 
 impl SetsWork {
+    /// Returns memory that contains zeros. As a constant it is written where it stays, and the stack
+    /// does not hold it.
+    pub const fn new() -> Self {
+        Self {
+            tokens: [[[0.0; LANES]; WIDTH_MAX]; PANELS],
+            keys_values: [[[0.0; LANES]; 2 * WIDTH_MAX]; PANELS],
+            wide: [[0.0; LANES]; HIDDEN_MAX],
+            input: [[0.0; LANES]; WIDTH_MAX],
+            output: [[0.0; LANES]; WIDTH_MAX],
+        }
+    }
+
     /// Evaluates the network. `None` means that the weights are not as many as the architecture
     /// needs.
     pub(super) fn evaluate<W: Weight>(

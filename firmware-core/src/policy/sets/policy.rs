@@ -121,12 +121,11 @@ pub struct SetsPolicy<T: Scalar, N, const M: usize, const J: usize> {
 }
 
 impl<T: Scalar, N: EvaluateSets, const M: usize, const J: usize> SetsPolicy<T, N, M, J> {
-    /// Creates the policy for a mission. It fits any mission that does not have too many users or
-    /// sensors.
+    /// Checks whether a mission has no more users and sensors than are observed.
     ///
     /// # Errors
-    /// Returns an error if the mission has more users or sensors than are observed.
-    pub fn new(network: N, mission: &Mission<T, M, J>) -> Result<Self, SetsMismatch> {
+    /// Returns an error if it has more.
+    pub fn check(mission: &Mission<T, M, J>) -> Result<(), SetsMismatch> {
         for (what, got, most) in [
             ("users", mission.users().count(), USERS),
             ("sensors", mission.sensors().count(), SENSORS),
@@ -135,6 +134,16 @@ impl<T: Scalar, N: EvaluateSets, const M: usize, const J: usize> SetsPolicy<T, N
                 return Err(SetsMismatch { what, got, most });
             }
         }
+        Ok(())
+    }
+
+    /// Creates the policy for a mission. It fits any mission that does not have too many users or
+    /// sensors.
+    ///
+    /// # Errors
+    /// As [`check`](Self::check).
+    pub fn new(network: N, mission: &Mission<T, M, J>) -> Result<Self, SetsMismatch> {
+        Self::check(mission)?;
         Ok(Self {
             network,
             mission: mission.clone(),

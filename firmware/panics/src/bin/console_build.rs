@@ -8,7 +8,7 @@ use panics::{Computer, Planner, Trained};
 #[unsafe(no_mangle)]
 pub fn entry(
     order: &MissionOrder,
-    trained: Option<&Trained>,
+    trained: Option<Trained>,
     planner: Option<&'static mut Planner>,
 ) -> Result<Computer, OrderError> {
     order.check()?;

@@ -3,13 +3,19 @@
 use std::{io, sync::Arc};
 
 use firmware_core::{
+    SENSORS_MAX, USERS_MAX,
     autopilot::{Phase, wire::signing::SigningState},
     console::{
         BoardComputer, BoardPlanner, MissionOrder, OrderError, PLANNER_CAPACITY, PolicyKind,
-        board_planner,
+        TrainedPolicy, board_planner,
     },
+    mission::MissionChange,
     onboard::Stage,
-    policy::mlp::Mlp,
+    policy::{
+        Action, MeasuredGains, Observation, PlanQuality, Policy, Provenance, format_version,
+        mlp::Mlp,
+        sets::{self, NetworkWithWork, SetsNetwork, SetsPolicy, SetsWork},
+    },
     time::Instant,
 };
 
@@ -19,10 +25,86 @@ use crate::flight::{outcome::FlightError, reason, stopwatch::Stopwatch};
 /// The planner of a board, with memory from the heap.
 type TwinPlanner = BoardPlanner<(Vec<f32>, Vec<u8>)>;
 
+/// The policy for any mission of a board, with memory from the heap.
+type TwinSetsPolicy =
+    SetsPolicy<f32, NetworkWithWork<Arc<[u8]>, Box<SetsWork>>, USERS_MAX, SENSORS_MAX>;
+
+/// The trained policy of a board.
+#[derive(Debug)]
+enum TwinTrained {
+    /// For one mission.
+    OneMission(Box<Mlp<Arc<[u8]>>>),
+    /// For any mission.
+    AnyMission(Box<TwinSetsPolicy>),
+}
+
+impl TwinTrained {
+    /// Loads the policy of a board for the mission of an order.
+    fn load(file: Arc<[u8]>, order: &MissionOrder) -> Result<Self, String> {
+        let version = format_version(&file).map_err(|error| error.to_string())?;
+        if version != sets::FORMAT_VERSION {
+            // Other versions are refused there.
+            let policy = Mlp::load(file).map_err(|error| error.to_string())?;
+            return Ok(Self::OneMission(Box::new(policy)));
+        }
+        let mut work = Box::<SetsWork>::default();
+        let network = SetsNetwork::load(file, &mut work).map_err(|error| error.to_string())?;
+        let mission = order.check().map_err(|refusal| refusal.to_string())?;
+        let policy = SetsPolicy::new(NetworkWithWork { network, work }, &mission);
+        let policy = policy.map_err(|refusal| refusal.to_string())?;
+        Ok(Self::AnyMission(Box::new(policy)))
+    }
+
+    fn chosen(&self) -> &dyn Policy<f32, USERS_MAX> {
+        match self {
+            Self::OneMission(policy) => &**policy,
+            Self::AnyMission(policy) => &**policy,
+        }
+    }
+
+    fn chosen_mut(&mut self) -> &mut dyn Policy<f32, USERS_MAX> {
+        match self {
+            Self::OneMission(policy) => &mut **policy,
+            Self::AnyMission(policy) => &mut **policy,
+        }
+    }
+}
+
+impl Policy<f32, USERS_MAX> for TwinTrained {
+    fn decide(&mut self, observation: &Observation<'_, f32>) -> Action<f32, USERS_MAX> {
+        self.chosen_mut().decide(observation)
+    }
+
+    fn revise(&mut self, change: &MissionChange<f32>, slots_begun: u32) {
+        self.chosen_mut().revise(change, slots_begun);
+    }
+
+    fn note_gains(&mut self, measured: &MeasuredGains<'_, f32>) {
+        self.chosen_mut().note_gains(measured);
+    }
+
+    fn improve(&mut self, operations: u64) {
+        self.chosen_mut().improve(operations);
+    }
+
+    fn quality(&self) -> Option<PlanQuality> {
+        self.chosen().quality()
+    }
+}
+
+impl TrainedPolicy for TwinTrained {
+    fn provenance(&self) -> Option<&Provenance> {
+        match self {
+            Self::OneMission(policy) => Some(Mlp::provenance(policy)),
+            Self::AnyMission(_) => None,
+        }
+    }
+}
+
 /// The computer of a board, in this process.
 #[derive(Debug)]
 pub struct Twin {
-    computer: Box<BoardComputer<Arc<[u8]>, TwinPlanner>>,
+    computer: Box<BoardComputer<TwinTrained, TwinPlanner>>,
     stop_asked: bool,
     /// The reason why the mission was aborted, as it was known then.
     aborted_because: Option<String>,
@@ -34,13 +116,13 @@ impl Twin {
     /// # Errors
     /// Returns the reason if the order is refused, in words.
     pub fn new(order: &MissionOrder, policy: Option<Arc<[u8]>>) -> Result<Self, String> {
-        let trained = policy.map(Mlp::load).transpose();
-        let trained = trained.map_err(|error| error.to_string())?;
+        let trained = policy.map(|file| TwinTrained::load(file, order));
+        let trained = trained.transpose()?;
         let planner = match order.policy_kind {
             PolicyKind::Plan => Some(planner(order).map_err(|refusal| refusal.to_string())?),
             PolicyKind::Trained | PolicyKind::StraightLine => None,
         };
-        let computer = order.build(trained.as_ref(), planner);
+        let computer = order.build(trained, planner);
         let mut computer = computer.map_err(|refusal| refusal.to_string())?;
         order.launch(&mut computer, Instant::ZERO);
         Ok(Self {
