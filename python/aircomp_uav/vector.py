@@ -274,6 +274,9 @@ class MissionVectorEnv(VectorEnv[Any, Any, Any]):
         final_info = {name: values for name, values in infos.items() if not name.startswith("_")}
         final_info.update({f"_{name}": ending for name in final_info})
         final_info.update(summary)
+        # As in Gymnasium: the infos of this step are of the episodes that go on.
+        going_on = ~ending
+        infos.update({name: going_on for name in infos if name.startswith("_")})
         infos["final_obs"], infos["_final_obs"] = final_obs, ending
         infos["final_info"], infos["_final_info"] = final_info, ending
 

@@ -13,7 +13,10 @@ mod output;
 use environment::{Allocation, Constraints, Environment, EnvironmentSettings};
 use firmware_core::USERS_MAX;
 use numpy::{PyArray1, PyArrayDyn, ToPyArray};
-use pyo3::{prelude::*, types::PyDict};
+use pyo3::{
+    prelude::*,
+    types::{PyDict, PyList},
+};
 use rayon::prelude::*;
 
 use crate::{
@@ -49,8 +52,9 @@ pub(crate) struct Batch {
     users: usize,
 }
 
-/// The arrays that a step writes to.
-type FloatArrays<'py> = Vec<Bound<'py, PyArrayDyn<f32>>>;
+/// The arrays that observations are written to: a list, because memory for a sequence would be
+/// reserved for as many items as it claims to have.
+type FloatArrays<'py> = Bound<'py, PyList>;
 
 #[pymethods]
 impl Batch {
@@ -61,7 +65,7 @@ impl Batch {
     ))]
     #[expect(clippy::too_many_arguments, reason = "they have names")]
     fn new(
-        missions: Vec<PyRef<'_, Mission>>,
+        missions: &Bound<'_, PyList>,
         count: usize,
         observation: &str,
         normalize: bool,
@@ -75,6 +79,11 @@ impl Batch {
         arrival_reward: f32,
         threads: Option<usize>,
     ) -> PyResult<Self> {
+        let missions: Vec<Bound<'_, Mission>> = missions
+            .iter()
+            .map(|mission| Ok(mission.cast_into()?))
+            .collect::<PyResult<_>>()?;
+        let missions: Vec<&Mission> = missions.iter().map(Bound::get).collect();
         if !(1..=EPISODES_MAX).contains(&count) {
             return Err(value_error(format!(
                 "num_envs is {count}, but must be 1 to {EPISODES_MAX}"
@@ -131,7 +140,7 @@ impl Batch {
             }
         }
         let mut environments = Vec::with_capacity(missions.len());
-        for mission in &missions {
+        for mission in missions {
             let mission = mission.mission();
             allocation.check(mission).map_err(value_error)?;
             environments.push(Environment::new(mission.clone(), &settings));
@@ -445,7 +454,7 @@ impl Batch {
         }
         let arrays = arrays.iter().zip(shapes).map(|(array, shape)| {
             let shape: Vec<usize> = std::iter::once(self.episodes.len()).chain(shape).collect();
-            writable("observation", array, &shape)
+            writable("observation", array.cast::<PyArrayDyn<f32>>()?, &shape)
         });
         arrays.collect()
     }

@@ -54,7 +54,7 @@ def fly(env: MissionEnv, seed: int = 0) -> dict[str, object]:
     while not terminated:
         _, reward, terminated, truncated, info = env.step(env.action_space.sample())
         assert not truncated
-        expected = info["reward_rate"] + 1e-6 * info["reward_trajectory"]
+        expected = info["reward_rate"] + float(np.float32(1e-6)) * info["reward_trajectory"]
         assert reward == pytest.approx(expected, abs=1e-9)
         rates += info["rate"]
     assert info["sum_rate"] == rates

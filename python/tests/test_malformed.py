@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 import subprocess
 import sys
 from collections.abc import Callable
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -15,7 +17,10 @@ import aircomp_uav as a
 from aircomp_uav import _native
 
 CALLS = 100_000
-ALLOWED = (ValueError, TypeError, OSError, OverflowError, MemoryError, AttributeError, KeyError)
+ALLOWED = (
+    ValueError, TypeError, OSError, OverflowError, MemoryError, AttributeError, KeyError,
+    gymnasium.error.Error,
+)
 
 
 class Strange:
@@ -127,6 +132,12 @@ def targets() -> list[Callable[..., Any]]:
     ]
 
 
+def arity(function: Callable[..., Any]) -> int:
+    """Return the number of arguments that a function takes."""
+    parameters = inspect.signature(function).parameters.values()
+    return sum(parameter.kind is not parameter.KEYWORD_ONLY for parameter in parameters)
+
+
 def not_long(seconds: Any) -> Any:
     """Return the time limit, unless it is valid: then a wrong one."""
     if seconds is None or (isinstance(seconds, (int, float)) and 0 <= seconds < 1e9):
@@ -134,14 +145,82 @@ def not_long(seconds: Any) -> Any:
     return seconds
 
 
+def nearly_right(r: random.Random) -> Callable[[], Any]:
+    """Return a call of the native code in which one or two arguments are wrong."""
+    missions = [a.load_mission("mixed")]
+    batch = _native.Batch(
+        missions, 3, observation="paper", normalize=True, action="hybrid", directions=8,
+        autoreset="SameStep", constraints="penalty", inner="exact", rate_weight=1.0,
+        trajectory_weight=1.0, arrival_reward=1.0, threads=2,
+    )
+
+    def observation() -> list[np.ndarray]:
+        return [np.zeros((3, 19), np.float32)]
+
+    def truths(*shape: int) -> np.ndarray:
+        return np.zeros(shape, np.bool_)
+
+    calls: list[tuple[Callable[..., Any], list[Any]]] = [
+        (
+            batch.step,
+            [
+                np.zeros((3, 2), np.float32), np.zeros(3, np.int64), observation(), np.zeros(3),
+                truths(3), np.zeros((4, 3)), truths(2, 3), np.zeros(3, np.int64), observation(),
+            ],
+        ),
+        (batch.reset, [observation(), truths(3), np.zeros(3, np.uint64)]),
+        (batch.write_masks, [truths(3, 15)]),
+        (_native.solve_slots, [np.ones((3, 5)), np.ones(3), np.full((3, 4), 0.1), 1]),
+        (_native.Mission.from_toml, [missions[0].to_toml(), "name"]),
+        (missions[0].rates, [np.ones((3, 2))]),
+    ]
+    function, arguments = r.choice(calls)
+    for _ in range(r.choice([1, 1, 2])):
+        index = r.randrange(len(arguments))
+        right = arguments[index]
+        if isinstance(right, str):
+            cut = r.randrange(len(right) + 1)
+            arguments[index] = right[:cut] + r.choice(["", "-", "9", "[", "\n"]) + right[cut + 1 :]
+        elif isinstance(right, list) and r.random() < 0.5:
+            arguments[index] = [values(r)] * r.choice([0, 1, 1, 2])
+        elif r.random() < 0.2:
+            # One array twice, for reading and writing.
+            arguments[index] = r.choice(arguments)
+        elif isinstance(right, np.ndarray) and r.random() < 0.5:
+            change: list[Callable[[np.ndarray], Any]] = [
+                lambda x: x[..., :-1], lambda x: x[::-1], lambda x: x.T, lambda x: x[np.newaxis],
+                lambda x: np.full_like(x, 1) * 77, lambda x: x.astype(np.float32) * np.nan,
+                lambda x: x.astype(x.dtype.newbyteorder()), lambda x: x.tolist(), frozen,
+                lambda x: np.frombuffer(b"\0" * (x.nbytes + 1), np.uint8)[1:].view(x.dtype),
+            ]
+            try:
+                arguments[index] = r.choice(change)(right)
+            except (ValueError, TypeError, IndexError, AttributeError):
+                # The array is the result of another change.
+                arguments[index] = values(r)
+        else:
+            arguments[index] = values(r)
+    return lambda: function(*arguments)
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """Return an array that must not be written to."""
+    array.flags.writeable = False
+    return array
+
+
 def call_all(calls: int, seed: int) -> dict[str, int]:
     """Call everything with anything, and return how often each exception was raised."""
     r = random.Random(seed)
-    functions = targets()
+    functions = [(function, arity(function)) for function in targets()]
     counts: dict[str, int] = {}
     for _ in range(calls):
-        function = r.choice(functions)
-        arguments = [values(r) for _ in range(r.choice([1, 1, 2, 2, 3]))]
+        if r.random() < 0.5:
+            function: Callable[..., Any] = nearly_right(r)
+            arguments: list[Any] = []
+        else:
+            function, most = r.choice(functions)
+            arguments = [values(r) for _ in range(r.randint(1, most))]
         try:
             function(*arguments)
             name = "none"
@@ -161,7 +240,7 @@ def test_malformed_calls_raise_exceptions() -> None:
     assert run.returncode == 0, run.stderr[-3000:]
     counts = eval(run.stdout.splitlines()[-1])  # noqa: S307
     assert sum(counts.values()) == CALLS
-    assert counts["ValueError"] > CALLS / 20 and counts["TypeError"] > CALLS / 5
+    assert counts["ValueError"] > CALLS / 10 and counts["TypeError"] > CALLS / 5
 
 
 def test_a_wrong_action_changes_nothing() -> None:
