@@ -63,7 +63,7 @@ def solve_slots(
     >>> slots = solve_slots([[4e-12] * 36], [2e-12], sensor_power_max_w=0.05, user_power_max_w=0.2,
     ...                     noise_power_w=10**-12.5, mse_threshold=0.015)
     >>> bool(slots.feasible[0]), round(float(slots.rate[0]), 4)
-    (True, 0.1634)
+    (True, 0.5178)
     """
     gains = np.ascontiguousarray(_real(sensor_gains, "sensor_gains"))
     if gains.ndim != 2:

@@ -24,7 +24,7 @@ class Random:
             ``corner``; by default that is drawn as well.
 
     >>> [mission.users for mission in Random(7, count=3).missions()]
-    [14, 14, 8]
+    [12, 8, 6]
     """
 
     seed: int

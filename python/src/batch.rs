@@ -113,9 +113,9 @@ impl Batch {
                 )));
             }
         };
-        let allocation: Allocation = inner.parse().map_err(|problem| {
-            value_error(format!("inner is {inner:?}: {problem}"))
-        })?;
+        let allocation: Allocation = inner
+            .parse()
+            .map_err(|problem| value_error(format!("inner is {inner:?}: {problem}")))?;
         let settings = EnvironmentSettings {
             rate_weight,
             trajectory_weight,

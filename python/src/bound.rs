@@ -76,10 +76,7 @@ pub(crate) fn certified_bound<'py>(
 }
 
 /// Returns users as an array.
-pub(crate) fn numbers<'py>(
-    py: Python<'py>,
-    users: &[usize],
-) -> Bound<'py, numpy::PyArray1<i64>> {
+pub(crate) fn numbers<'py>(py: Python<'py>, users: &[usize]) -> Bound<'py, numpy::PyArray1<i64>> {
     let users = users.iter().map(|&user| user as i64);
     users.collect::<Vec<i64>>().into_pyarray(py)
 }

@@ -1,9 +1,6 @@
 //! `Planner`: the onboard planner.
 
-use std::{
-    sync::atomic::Ordering,
-    time::Instant,
-};
+use std::{sync::atomic::Ordering, time::Instant};
 
 use firmware_core::Position;
 use numpy::{PyArray1, PyArray2};

@@ -8,10 +8,7 @@
 use firmware_core::{
     Mission, Position, SENSORS_MAX, USERS_MAX, channel::SPEED_OF_LIGHT_MPS, mission::RadioModel,
 };
-use pulp::{
-    Simd, WithSimd,
-    x86::V3,
-};
+use pulp::{Simd, WithSimd, x86::V3};
 
 /// The number of nodes, rounded up so that vectors are full.
 const NODES: usize = SENSORS_MAX + 8;
@@ -92,14 +89,17 @@ impl NodeGains {
         self.north_m[self.sensors] = user.y;
         let count = (self.sensors + 1).next_multiple_of(LANES).min(NODES);
         let mut powers = [0.0; NODES];
-        Simd::vectorize(self.simd, Kernel {
-            channel: &self.channel,
-            vehicle: [vehicle.x, vehicle.y],
-            east_m: &self.east_m[..count],
-            north_m: &self.north_m[..count],
-            powers: &mut powers[..count],
-            amplitudes: &mut self.amplitudes[..count],
-        });
+        Simd::vectorize(
+            self.simd,
+            Kernel {
+                channel: &self.channel,
+                vehicle: [vehicle.x, vehicle.y],
+                east_m: &self.east_m[..count],
+                north_m: &self.north_m[..count],
+                powers: &mut powers[..count],
+                amplitudes: &mut self.amplitudes[..count],
+            },
+        );
         *power_gain = powers[self.sensors];
         &self.amplitudes[..self.sensors]
     }
@@ -139,8 +139,7 @@ fn power_gain(channel: &Channel, east_m: f64, north_m: f64) -> f64 {
     let ratio = altitude_m / distance_m;
     let ratio = if ratio < 1.0 { ratio } else { 1.0 };
     let elevation_deg = asin(ratio) * (180.0 / std::f64::consts::PI);
-    let line_of_sight =
-        1.0 / (1.0 + channel.a * exp(-channel.b * (elevation_deg - channel.a)));
+    let line_of_sight = 1.0 / (1.0 + channel.a * exp(-channel.b * (elevation_deg - channel.a)));
     let loss_db = channel.nlos_db + (channel.los_db - channel.nlos_db) * line_of_sight;
     let nepers = loss_db * (-std::f64::consts::LN_10 / 10.0);
     channel.free_space_m2 / (distance_m * distance_m) * exp(nepers)
@@ -208,7 +207,11 @@ fn exp(x: f64) -> f64 {
     } else {
         0.0
     };
-    let k = if magnitude >= THREE_HALVES_LN2 { rounded } else { near };
+    let k = if magnitude >= THREE_HALVES_LN2 {
+        rounded
+    } else {
+        near
+    };
     let hi = x - k * LN2HI;
     let lo = k * LN2LO;
     let reduced = hi - lo;
@@ -216,7 +219,11 @@ fn exp(x: f64) -> f64 {
     let c = reduced - xx * (P1 + xx * (P2 + xx * (P3 + xx * (P4 + xx * P5))));
     let y = 1. + (reduced * c / (2. - c) - lo + hi);
     let power_of_two = f64::from_bits((k + BIASED).to_bits() << 52);
-    if magnitude < TINY { 1. + x } else { y * power_of_two }
+    if magnitude < TINY {
+        1. + x
+    } else {
+        y * power_of_two
+    }
 }
 
 #[cfg(test)]
@@ -231,9 +238,16 @@ mod tests {
     #[test]
     fn functions_are_those_of_libm() {
         let mut random = Pcg64Mcg::seed_from_u64(1);
-        let mut near = |center: f64| f64::from_bits(center.to_bits() + random.random_range(0..200) - 100);
+        let mut near =
+            |center: f64| f64::from_bits(center.to_bits() + random.random_range(0..200) - 100);
         for center in [
-            0.5, 0.975, 0.9999, 1e-9, 0.25, 1.490116e-8, f64::from_bits(0x3fef_3333_0000_0000),
+            0.5,
+            0.975,
+            0.9999,
+            1e-9,
+            0.25,
+            1.490116e-8,
+            f64::from_bits(0x3fef_3333_0000_0000),
         ] {
             for _ in 0..1000 {
                 let x = near(center);
@@ -241,7 +255,13 @@ mod tests {
             }
         }
         assert_eq!(asin(1.0), libm::asin(1.0));
-        let bounds = [0x3ff0_a2b2_u64, 0x3fd6_2e43, 0x3fd6_2e42, 0x3e30_0001, 0x3e30_0000];
+        let bounds = [
+            0x3ff0_a2b2_u64,
+            0x3fd6_2e43,
+            0x3fd6_2e42,
+            0x3e30_0001,
+            0x3e30_0000,
+        ];
         let bounds = bounds.map(|high| f64::from_bits(high << 32));
         for center in bounds.into_iter().chain([1e-9, 0.1, 5.0, 699.0, 1e-300]) {
             for _ in 0..1000 {
@@ -267,7 +287,8 @@ mod tests {
             return;
         }
         let mut random = Pcg64Mcg::seed_from_u64(2);
-        let shipped = ["separated", "mixed", "slow"].map(|name| Scenario::shipped(name).expect(name));
+        let shipped =
+            ["separated", "mixed", "slow"].map(|name| Scenario::shipped(name).expect(name));
         let drawn = (0..40).map(|seed| scenario::random(seed, None).expect("a mission"));
         for scenario in shipped.into_iter().chain(drawn) {
             let mission = scenario.mission;

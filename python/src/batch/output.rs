@@ -36,7 +36,12 @@ impl<'a> Outputs<'a> {
 
     /// Writes the results of a slot, except the observation.
     pub(super) fn write(&mut self, step: &Step, served: usize) {
-        let terms = [step.rate, step.mse, step.reward.rate, step.reward.trajectory];
+        let terms = [
+            step.rate,
+            step.mse,
+            step.reward.rate,
+            step.reward.trajectory,
+        ];
         for (term, value) in self.terms.iter_mut().zip(terms) {
             term[0] = value;
         }
