@@ -38,6 +38,8 @@ pub(crate) struct NodeGains {
     east_m: [f64; NODES],
     north_m: [f64; NODES],
     amplitudes: [f64; NODES],
+    /// The position that `amplitudes` are of.
+    vehicle: Option<Position<f64>>,
 }
 
 impl NodeGains {
@@ -69,6 +71,7 @@ impl NodeGains {
             east_m: [0.0; NODES],
             north_m: [0.0; NODES],
             amplitudes: [0.0; NODES],
+            vehicle: None,
         };
         let places = gains.east_m.iter_mut().zip(&mut gains.north_m);
         for ((east_m, north_m), place) in places.zip(&p.sensors) {
@@ -78,7 +81,8 @@ impl NodeGains {
     }
 
     /// Returns the amplitude gains of the sensors and the amplitude and power gain of the user on
-    /// the ground at `user`, with the vehicle over `vehicle`.
+    /// the ground at `user`, with the vehicle over `vehicle`. If that is where it was last, only
+    /// the user's gain is calculated.
     pub(crate) fn at(
         &mut self,
         vehicle: &Position<f64>,
@@ -88,16 +92,22 @@ impl NodeGains {
         self.east_m[self.sensors] = user.x;
         self.north_m[self.sensors] = user.y;
         let count = (self.sensors + 1).next_multiple_of(LANES).min(NODES);
+        let stays = self.vehicle.replace(*vehicle) == Some(*vehicle);
+        let first = if stays {
+            self.sensors / LANES * LANES
+        } else {
+            0
+        };
         let mut powers = [0.0; NODES];
         Simd::vectorize(
             self.simd,
             Kernel {
                 channel: &self.channel,
                 vehicle: [vehicle.x, vehicle.y],
-                east_m: &self.east_m[..count],
-                north_m: &self.north_m[..count],
-                powers: &mut powers[..count],
-                amplitudes: &mut self.amplitudes[..count],
+                east_m: &self.east_m[first..count],
+                north_m: &self.north_m[first..count],
+                powers: &mut powers[first..count],
+                amplitudes: &mut self.amplitudes[first..count],
             },
         );
         *power_gain = powers[self.sensors];
@@ -313,6 +323,11 @@ mod tests {
                     let expected = mission.power_gain(Sensor(sensor), &place).amplitude();
                     assert_eq!(amplitude, expected, "{} {sensor}", scenario.name);
                 }
+                // The vehicle stays, and another user is served.
+                let sensors = amplitudes.to_vec();
+                let other = (round + 1) % p.users.len();
+                assert_eq!(gains.at(&place, &p.users[other], &mut power), sensors);
+                assert_eq!(power, mission.power_gain(User(other), &place).0);
             }
         }
     }
