@@ -65,3 +65,13 @@ pub(crate) fn writable<'py, T: Element>(
         .try_readwrite()
         .map_err(|error| PyValueError::new_err(format!("{name}: {error}")))
 }
+
+/// Takes the first `count` entries.
+pub(crate) fn split_off<'a, T>(slice: &mut &'a mut [T], count: usize) -> &'a mut [T] {
+    slice.split_off_mut(..count).unwrap_or_default()
+}
+
+/// Returns the rows of a matrix with `count` columns.
+pub(crate) fn rows<T, const N: usize>(mut matrix: &mut [T], count: usize) -> [&mut [T]; N] {
+    std::array::from_fn(|_| split_off(&mut matrix, count))
+}

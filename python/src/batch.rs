@@ -20,7 +20,7 @@ use pyo3::{
 use rayon::prelude::*;
 
 use crate::{
-    arrays::{readable, writable},
+    arrays::{readable, rows, writable},
     mission::{Mission, value_error},
     threads,
 };
@@ -278,8 +278,8 @@ impl Batch {
             final_observation: observation::Rows::new(&mut final_arrays)?,
             rewards: rewards.as_slice_mut()?,
             terminated: terminated.as_slice_mut()?,
-            terms: output::rows(terms.as_slice_mut()?, count),
-            flags: output::rows(flags.as_slice_mut()?, count),
+            terms: rows(terms.as_slice_mut()?, count),
+            flags: rows(flags.as_slice_mut()?, count),
             users: served.as_slice_mut()?,
         };
         let jobs = self.jobs();

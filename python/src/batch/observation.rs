@@ -14,8 +14,7 @@ use firmware_core::policy::{
 use numpy::PyReadwriteArrayDyn;
 use pyo3::prelude::*;
 
-use super::output::split_off;
-use crate::mission::value_error;
+use crate::{arrays::split_off, mission::value_error};
 
 /// The number of arrays of an observation, at most.
 const ARRAYS_MAX: usize = 5;

@@ -3,6 +3,7 @@
 use environment::Step;
 
 use super::observation::Rows;
+use crate::arrays::split_off;
 
 /// The number of terms of a step: rate, MSE, and the two parts of the reward.
 pub(super) const TERMS: usize = 4;
@@ -53,14 +54,4 @@ impl<'a> Outputs<'a> {
         self.terminated[0] = step.last;
         self.users[0] = served as i64;
     }
-}
-
-/// Takes the first `count` entries.
-pub(super) fn split_off<'a, T>(slice: &mut &'a mut [T], count: usize) -> &'a mut [T] {
-    slice.split_off_mut(..count).unwrap_or_default()
-}
-
-/// Returns the rows of a matrix with `count` columns.
-pub(super) fn rows<T, const N: usize>(mut matrix: &mut [T], count: usize) -> [&mut [T]; N] {
-    std::array::from_fn(|_| split_off(&mut matrix, count))
 }
