@@ -1,7 +1,6 @@
-"""Registers the environment with Gymnasium.
+"""Registers the environment with Gymnasium, when the package is imported.
 
-Gymnasium calls :func:`register` by itself, because this package names it as a plugin. This module
-imports neither NumPy nor the native code, so that ``import gymnasium`` stays as fast as it is.
+``gymnasium.make("aircomp_uav:aircomp_uav/Mission-v0")`` imports it by itself.
 """
 
 from __future__ import annotations

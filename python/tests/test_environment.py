@@ -38,11 +38,11 @@ def test_rendering_passes_the_checker() -> None:
     assert [str(w.message) for w in others] == []
 
 
-def test_gymnasium_finds_the_environment_without_an_import() -> None:
+def test_gymnasium_imports_the_package_that_an_id_names() -> None:
     import subprocess
     import sys
 
-    program = f"import gymnasium; print(gymnasium.make({ID!r}).observation_space.shape)"
+    program = f"import gymnasium; print(gymnasium.make('aircomp_uav:{ID}').observation_space.shape)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert run.stdout == "(19,)\n"
 
