@@ -6,7 +6,8 @@
 //!
 //! | module | content |
 //! |---|---|
-//! | `mdp` | [`Environment`]: reset, observe, step |
+//! | `mdp` | [`Environment`]: reset, observe, step; [`EpisodeState`] |
+//! | `gains` | the gains of all nodes at once, with vector instructions (feature `simd`) |
 //! | `action` | [`Action`], and [`UserSet`] for the users that a state admits |
 //! | `normalizer` | [`Normalizer`] and [`Dimensions`]: scaling and size of the observation |
 //! | `settings` | [`EnvironmentSettings`]: reward weights, constraint handling, power allocation |
@@ -41,6 +42,8 @@
 
 mod action;
 mod allocation;
+#[cfg(all(feature = "simd", target_arch = "x86_64"))]
+mod gains;
 mod mdp;
 mod normalizer;
 mod outcome;
@@ -51,7 +54,7 @@ mod tests;
 
 pub use action::{Action, UserSet};
 pub use allocation::Allocation;
-pub use mdp::Environment;
+pub use mdp::{Environment, EpisodeState};
 pub use normalizer::{Dimensions, Normalizer};
 pub use outcome::{Episode, Reward, Step, StepResult};
 pub use relaxation::ValueToGo;

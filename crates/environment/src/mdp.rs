@@ -20,10 +20,10 @@
 use std::sync::Arc;
 
 use firmware_core::{
-    Displacement, Mission, Position, SENSORS_MAX, Scalar, USERS_MAX,
+    Displacement, Mission, Position, PowerGain, SENSORS_MAX, Scalar, USERS_MAX,
     channel::GroundNode,
     inner::{Method, SlotAllocation, SlotLimits, Status, Workspace},
-    policy::{Observation, state_len},
+    policy::{Observation, sets::SetsObservation, state_len},
     shield::{self, Agility, Fairness, Intervention, ReachableSet},
 };
 
@@ -60,12 +60,16 @@ pub struct Environment<T: Scalar> {
     entropy_when_forced: bool,
     normalizer: Normalizer,
     workspace: Workspace<T, SENSORS_MAX>,
+    #[cfg(all(feature = "simd", target_arch = "x86_64"))]
+    gains: Option<Box<crate::gains::NodeGains>>,
     state: EpisodeState<T>,
 }
 
-/// The part of the environment that changes from slot to slot.
+/// The part of an environment that changes from slot to slot: an episode under way. One
+/// [`Environment`] can step through many episodes of its mission in turns, because everything else
+/// in it is the same for all of them: see [`Environment::swap_state`].
 #[derive(Clone, Debug)]
-struct EpisodeState<T: Scalar> {
+pub struct EpisodeState<T: Scalar> {
     fairness: Fairness<USERS_MAX>,
     slots_done: u32,
     position: Position<T>,
@@ -75,7 +79,8 @@ struct EpisodeState<T: Scalar> {
 }
 
 impl<T: Scalar> EpisodeState<T> {
-    fn start(mission: &Mission<T, USERS_MAX, SENSORS_MAX>) -> Self {
+    /// Returns the state before the first slot of a mission.
+    pub fn start(mission: &Mission<T, USERS_MAX, SENSORS_MAX>) -> Self {
         Self {
             fairness: Fairness::new(mission),
             slots_done: 0,
@@ -84,6 +89,21 @@ impl<T: Scalar> EpisodeState<T> {
             mse: T::zero(),
             episode: Episode::default(),
         }
+    }
+
+    /// Returns the number of slots that are done.
+    pub fn slots_done(&self) -> u32 {
+        self.slots_done
+    }
+
+    /// Returns the vehicle's position.
+    pub fn position(&self) -> Position<T> {
+        self.position
+    }
+
+    /// Returns the sums of the episode so far.
+    pub fn episode(&self) -> &Episode {
+        &self.episode
     }
 }
 
@@ -107,6 +127,11 @@ impl<T: Scalar> Environment<T> {
             normalizer: Normalizer::of_mission(&mission),
             entropy_when_forced: settings.entropy_when_forced,
             workspace: Workspace::default(),
+            #[cfg(all(feature = "simd", target_arch = "x86_64"))]
+            gains: (&mission as &dyn std::any::Any)
+                .downcast_ref()
+                .and_then(crate::gains::NodeGains::new)
+                .map(Box::new),
             state: EpisodeState::start(&mission),
             mission,
         }
@@ -196,8 +221,22 @@ impl<T: Scalar> Environment<T> {
     /// Writes the normalized observation into `state`, which must hold [`Dimensions::observation`] numbers. Before the
     /// first slot, rate and MSE are 0.
     pub fn observe(&self, state: &mut [f32]) {
+        self.observe_raw(state);
+        self.normalizer.apply(state);
+    }
+
+    /// As [`observe`](Self::observe), in raw units: the input of a policy file of format version 1.
+    pub fn observe_raw(&self, state: &mut [f32]) {
         let mut raw = [T::zero(); state_len(USERS_MAX)];
-        let len = Observation {
+        let len = self.observation().write_state(&mut raw);
+        for (x, raw) in state.iter_mut().zip(&raw[..len]) {
+            *x = raw.to_f64() as f32;
+        }
+    }
+
+    /// Returns the observation that a policy decides the coming slot from.
+    pub fn observation(&self) -> Observation<'_, T> {
+        Observation {
             slot: self.state.slots_done + 1,
             counts: self.state.fairness.counts(),
             rate: self.state.rate,
@@ -205,11 +244,42 @@ impl<T: Scalar> Environment<T> {
             position: self.state.position,
             agility: Agility::ideal(&self.mission),
         }
-        .write_state(&mut raw);
-        for (x, raw) in state.iter_mut().zip(&raw[..len]) {
-            *x = raw.to_f64() as f32;
+    }
+
+    /// Returns the observation of the mission as sets: the input of a policy file of format version
+    /// 2.
+    pub fn observe_sets(&mut self) -> SetsObservation {
+        let observation = Observation {
+            slot: self.state.slots_done + 1,
+            counts: self.state.fairness.counts(),
+            rate: self.state.rate,
+            mse: self.state.mse,
+            position: self.state.position,
+            agility: Agility::ideal(&self.mission),
+        };
+        SetsObservation::new(&self.mission, &observation, &mut self.workspace)
+    }
+
+    /// Exchanges the episode under way and another one of the same mission. The state of an episode
+    /// of another mission gives meaningless results.
+    pub fn swap_state(&mut self, state: &mut EpisodeState<T>) {
+        std::mem::swap(&mut self.state, state);
+    }
+
+    /// Returns the user with the highest score that may be served in the coming slot, the first of
+    /// equals, as the controller chooses it in flight; and whether another user has a higher score.
+    /// The scores, one per user, must be finite.
+    pub fn choose_user(&self, scores: &[f32]) -> (usize, bool) {
+        let admissible = self.admissible();
+        let mut chosen = None;
+        let mut highest = f32::NEG_INFINITY;
+        for (user, &score) in scores.iter().enumerate() {
+            highest = highest.max(score);
+            if admissible >> user & 1 == 1 && chosen.is_none_or(|(_, best)| score > best) {
+                chosen = Some((user, score));
+            }
         }
-        self.normalizer.apply(state);
+        chosen.map_or((0, true), |(user, score)| (user, highest > score))
     }
 
     /// Returns the users that may be served in the coming slot: all users in the penalty form and
@@ -221,9 +291,8 @@ impl<T: Scalar> Environment<T> {
         {
             return all;
         }
-        (0..users)
-            .filter(|&user| self.state.fairness.admits(user))
-            .fold(0, |set, user| set | 1 << user)
+        let admissible = self.state.fairness.admissible();
+        admissible.fold(0, |set, user| set | 1 << user)
     }
 
     /// Returns whether the displacement's entropy counts in this state. It does not if
@@ -336,14 +405,9 @@ impl<T: Scalar> Environment<T> {
     /// Computes rate and MSE of serving `user` from the present position, and returns whether the
     /// MSE threshold `Gamma` is met.
     fn solve_slot(&mut self, user: usize) -> bool {
-        let p = self.mission.parameters();
         let mut amplitude_gains = [T::zero(); SENSORS_MAX];
-        let amplitude_gains = &mut amplitude_gains[..p.sensors.len()];
-        let gain = |node| self.mission.power_gain(node, &self.state.position);
-        for (sensor, amplitude) in amplitude_gains.iter_mut().enumerate() {
-            *amplitude = gain(GroundNode::Sensor(sensor)).amplitude();
-        }
-        let user_gain = gain(GroundNode::User(user));
+        let amplitude_gains = &mut amplitude_gains[..self.mission.sensor_count()];
+        let user_gain = self.write_gains(user, amplitude_gains);
         let mut coefficients = [T::zero(); SENSORS_MAX];
         let allocation = self
             .workspace
@@ -360,5 +424,28 @@ impl<T: Scalar> Environment<T> {
         self.state.rate = solution.rate;
         self.state.mse = mse;
         matches!(solution.status, Status::Optimal { .. })
+    }
+
+    /// Writes the amplitude gains of the sensors from the present position, and returns the power
+    /// gain of a user.
+    fn write_gains(&mut self, user: usize, amplitudes: &mut [T]) -> PowerGain<T> {
+        let position = self.state.position;
+        #[cfg(all(feature = "simd", target_arch = "x86_64"))]
+        if let Some(gains) = &mut self.gains {
+            // `T` is `f64`: these conversions do nothing.
+            let double = |place: Position<T>| Position::new(place.x.to_f64(), place.y.to_f64());
+            let ground = self.mission.parameters().users[user];
+            let mut power = 0.0;
+            let sensors = gains.at(&double(position), &double(ground), &mut power);
+            for (amplitude, &sensor) in amplitudes.iter_mut().zip(sensors) {
+                *amplitude = T::of(sensor);
+            }
+            return PowerGain(T::of(power));
+        }
+        let gain = |node| self.mission.power_gain(node, &position);
+        for (sensor, amplitude) in amplitudes.iter_mut().enumerate() {
+            *amplitude = gain(GroundNode::Sensor(sensor)).amplitude();
+        }
+        gain(GroundNode::User(user))
     }
 }
