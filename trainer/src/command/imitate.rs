@@ -1,17 +1,17 @@
-//! `trainer train --missions random` and `--from`: one policy for any mission, and a policy for any
-//! mission adapted to one.
+//! `trainer train --missions random` and `--from`: one policy for any mission, by imitation or by SAC,
+//! and a policy for any mission adapted to one.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
 use clap::Args;
 use trainer::{
-    imitation::{
-        run::{Imitation, Threads},
-        settings::ImitationSettings,
-        trained::TrainedNetwork,
-    },
+    any_mission::{self, Method},
+    imitation::{run::Imitation, settings::ImitationSettings, trained::TrainedNetwork},
+    nn::sets::Architecture,
     onnx,
+    record::Threads,
+    reinforcement::{run::Reinforcement, settings::ReinforcementSettings},
     run::CHECKPOINT,
 };
 
@@ -28,10 +28,11 @@ pub(crate) struct ImitationOptions {
     #[arg(long)]
     steps: Option<u64>,
     /// Start from the best network of this checkpoint.bin of a policy for any mission, from this .onnx
-    /// file of one, or from `new`, an untrained network. Without --missions, the network is adapted
+    /// file of one, or from `new`, an untrained network. With --algorithm sac, SAC improves it. Without
+    /// --missions, the network is adapted
     /// to the scenario, by imitation of the planner
     #[arg(long, value_name = "FILE", conflicts_with_all = [
-        "resume", "algorithm", "preset", "episodes", "discount", "inner", "constraints", "seeds",
+        "resume", "preset", "episodes", "discount", "inner", "constraints", "seeds",
     ])]
     from: Option<PathBuf>,
     /// With --missions random: threads that compute gradients; they change no result
@@ -60,43 +61,86 @@ impl ImitationOptions {
         }
     }
 
-    /// Starts a run.
+    /// Returns whether the run improves a trained network.
+    pub(super) fn improves(&self) -> bool {
+        self.start_file().is_some()
+    }
+
+    /// Returns the file of the network that the run starts from, if it is not an untrained one.
+    fn start_file(&self) -> Option<&Path> {
+        let path = self.from.as_deref();
+        path.filter(|path| path.as_os_str() != "new")
+    }
+
+    /// Sets the duration, if it is given.
+    fn set_duration(&self, settings: &mut ImitationSettings) {
+        if self.has_duration() {
+            settings.minutes = self.minutes.unwrap_or(0.0);
+            settings.steps = self.steps.unwrap_or(0);
+        }
+    }
+
+    /// Returns the parameters that the run starts from, if they are not random.
+    fn parameters(&self, architecture: Architecture) -> anyhow::Result<Option<Vec<f32>>> {
+        let Some(path) = self.start_file() else {
+            return Ok(None);
+        };
+        let network = read_network(path)?;
+        ensure!(
+            network.architecture == architecture,
+            "{}: the network has {:?}, but {architecture:?} was asked for",
+            path.display(),
+            network.architecture,
+        );
+        Ok(Some(network.parameters))
+    }
+
+    /// Starts a run of imitation.
     pub(super) fn start(
         &self,
         mut settings: ImitationSettings,
         directory: &Path,
         show: bool,
     ) -> Outcome {
-        if self.has_duration() {
-            settings.minutes = self.minutes.unwrap_or(0.0);
-            settings.steps = self.steps.unwrap_or(0);
-        }
+        self.set_duration(&mut settings);
         let start = || -> anyhow::Result<_> {
-            let from = match &self.from {
-                Some(path) if path.as_os_str() != "new" => {
-                    let network = read_network(path)?;
-                    ensure!(
-                        network.architecture == settings.architecture,
-                        "{}: the network has {:?}, but {:?} was asked for",
-                        path.display(),
-                        network.architecture,
-                        settings.architecture
-                    );
-                    Some(network.parameters)
-                }
-                _ => None,
-            };
+            let from = self.parameters(settings.architecture)?;
             let directory = directory.to_owned();
             Imitation::start(settings, from.as_deref(), directory, self.threads())
         };
-        train(start().map_err(Failure::BadInput)?, directory, show)
+        imitate(start().map_err(Failure::BadInput)?, directory, show)
+    }
+
+    /// Starts a run of SAC.
+    pub(super) fn start_reinforcement(
+        &self,
+        mut settings: ReinforcementSettings,
+        directory: &Path,
+        show: bool,
+    ) -> Outcome {
+        self.set_duration(&mut settings.imitation);
+        let start = || -> anyhow::Result<_> {
+            let from = self.parameters(settings.imitation.architecture)?;
+            let directory = directory.to_owned();
+            Reinforcement::start(settings, from.as_deref(), directory, self.threads())
+        };
+        reinforce(start().map_err(Failure::BadInput)?, directory, show)
     }
 
     /// Continues a run.
-    pub(super) fn resume(&self, directory: &Path, show: bool) -> Outcome {
-        let threads = self.threads();
-        let run = Imitation::resume(directory.to_owned(), self.steps, self.minutes, threads);
-        train(run.map_err(Failure::BadInput)?, directory, show)
+    pub(super) fn resume(&self, method: Method, directory: &Path, show: bool) -> Outcome {
+        let (steps, minutes, threads) = (self.steps, self.minutes, self.threads());
+        let run = directory.to_owned();
+        match method {
+            Method::Imitation => {
+                let run = Imitation::resume(run, steps, minutes, threads);
+                imitate(run.map_err(Failure::BadInput)?, directory, show)
+            }
+            Method::Reinforcement => {
+                let run = Reinforcement::resume(run, steps, minutes, threads);
+                reinforce(run.map_err(Failure::BadInput)?, directory, show)
+            }
+        }
     }
 }
 
@@ -104,17 +148,26 @@ impl ImitationOptions {
 fn read_network(path: &Path) -> anyhow::Result<TrainedNetwork> {
     match path.extension().is_some_and(|kind| kind == "onnx") {
         true => Ok(onnx::sets::read(path)?.0),
-        false => TrainedNetwork::read(path, false),
+        false => any_mission::read_network(path, false),
     }
 }
 
-fn train(mut run: Imitation, directory: &Path, show: bool) -> Outcome {
+fn imitate(mut run: Imitation, directory: &Path, show: bool) -> Outcome {
     let best = run.run(show).map_err(Failure::Failed)?;
+    print_result(run.steps(), best, directory);
+    Ok(())
+}
+
+fn reinforce(mut run: Reinforcement, directory: &Path, show: bool) -> Outcome {
+    let best = run.run(show).map_err(Failure::Failed)?;
+    print_result(run.steps(), best, directory);
+    Ok(())
+}
+
+fn print_result(steps: u64, best: Option<f64>, directory: &Path) {
     let best = best.map_or("none".into(), |mean| format!("{mean:.4}"));
     println!(
-        "{} steps; best mean fraction of the planner's totals on held-out missions: {best}; {}",
-        run.steps(),
+        "{steps} steps; best mean fraction of the planner's totals on held-out missions: {best}; {}",
         directory.join(CHECKPOINT).display()
     );
-    Ok(())
 }

@@ -48,6 +48,15 @@ pub struct Demonstration {
     pub examples: Vec<Example>,
 }
 
+/// What the planner knows about a whole mission.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlanSummary {
+    /// The prices of fairness, one per user, bit/s/Hz.
+    pub prices: Vec<f64>,
+    /// The sum of the rates of the plan, bit/s/Hz.
+    pub total: f64,
+}
+
 /// Returns the seed of a run's mission, for run seeds below 2^32 - 1 ([`ImitationSettings::check`])
 /// and fewer than 2^32 missions. The benchmark's and the held-out missions have seeds below 2^32.
 pub fn mission_seed(run_seed: u64, index: u64) -> u64 {
@@ -84,11 +93,28 @@ impl Demonstration {
         network: Option<&SetNetwork>,
         plan: Option<&HostPlanner>,
     ) -> anyhow::Result<Self> {
+        Self::with_summary(settings, index, network, plan).map(|(demonstration, _)| demonstration)
+    }
+
+    /// Like [`Demonstration::new`], and returns what the planner knew before the flight.
+    ///
+    /// # Errors
+    /// Fails if the seed gives no mission.
+    pub fn with_summary(
+        settings: &ImitationSettings,
+        index: u64,
+        network: Option<&SetNetwork>,
+        plan: Option<&HostPlanner>,
+    ) -> anyhow::Result<(Self, PlanSummary)> {
         let seed = mission_seed(settings.seed, index);
         let mission = settings.mission(seed)?;
         let mut planner = match plan {
             Some(plan) => plan.clone(),
             None => planned(&mission, settings.planning_operations)?,
+        };
+        let summary = PlanSummary {
+            prices: planner.prices().to_vec(),
+            total: planner.value(),
         };
         let mut examples = plan_examples(&mission, &mut planner);
         planner = planner.with_operations_per_slot(settings.correction_operations);
@@ -101,11 +127,29 @@ impl Demonstration {
         };
         fly(&mission, &mut flight, Allocation::default())?;
         examples.append(&mut flight.examples);
-        Ok(Self {
+        let demonstration = Self {
             seed,
             mission,
             examples,
-        })
+        };
+        Ok((demonstration, summary))
+    }
+
+    /// Returns a function that prepares demonstrations by index. It plans the mission of a run that
+    /// has only one before the first.
+    pub fn preparation(
+        settings: &ImitationSettings,
+    ) -> impl FnMut(u64, Option<&SetNetwork>) -> anyhow::Result<(Self, PlanSummary)> + Send + use<>
+    {
+        let settings = settings.clone();
+        let mut only_plan = None;
+        move |index, network| {
+            if settings.scenario.is_some() && only_plan.is_none() {
+                let mission = settings.mission(0)?;
+                only_plan = Some(planned(&mission, settings.planning_operations)?);
+            }
+            Self::with_summary(&settings, index, network, only_plan.as_ref())
+        }
     }
 
     /// Restores a demonstration of a run from its seed and examples.
