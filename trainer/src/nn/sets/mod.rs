@@ -37,6 +37,8 @@ pub mod attention;
 pub mod backward;
 pub mod batch;
 pub mod batch_gradient;
+#[cfg(test)]
+mod critic_tests;
 pub mod forward;
 pub mod functions;
 pub mod heads;
