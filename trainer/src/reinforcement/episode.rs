@@ -19,6 +19,11 @@ use crate::{
     nn::sets::{Activations, SetBatch, SetNetwork},
 };
 
+/// The largest magnitude of a reward. Where the way to the destination takes all slots that are left,
+/// the value function of the relaxed mission is interpolated between places that can still be reached in
+/// time and others with a large loss, and its changes mean nothing; the shield decides there anyway.
+pub const REWARD_MAX: f64 = 10.0;
+
 /// A flown mission: all that its transitions are computed from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Episode {
@@ -29,7 +34,7 @@ pub struct Episode {
     /// The user of each slot.
     pub users: Vec<u8>,
     /// For each slot and user, the reward of serving the user, in units of the mean rate of a slot of
-    /// the plan; NaN if the user may not be served.
+    /// the plan, at most [`REWARD_MAX`] in magnitude; NaN if the user may not be served.
     pub rewards: Vec<f32>,
     /// The sum of the rates as a fraction of the plan's.
     pub fraction: f64,
@@ -107,7 +112,7 @@ impl Episode {
                     let result = environment.peek_step(&action, &mut ignored);
                     let reward = result.step.reward.total / unit;
                     ensure!(reward.is_finite(), "a reward is {reward}");
-                    reward
+                    reward.clamp(-REWARD_MAX, REWARD_MAX)
                 };
                 episode.rewards.push(reward as f32);
             }

@@ -26,6 +26,10 @@ use crate::{
     },
 };
 
+/// The error up to which a critic's loss is its square, in units of the mean rate of a slot; beyond,
+/// the loss is linear (Huber). Most regrets are a few hundredths, and a few are the rest of a mission.
+const ERROR_SQUARED: f32 = 1.0;
+
 /// Sums over the transitions of a part.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sums {
@@ -165,8 +169,9 @@ impl Part {
             for (state, target) in bellman.iter().enumerate() {
                 let at = batch.users_of(state).start + chunk.users[state];
                 let error = pass.scores()[at] - target;
-                pass.outputs.scores[at] = error;
-                self.sums.critic_losses[i] += 0.5 * f64::from(error) * f64::from(error);
+                let slope = error.clamp(-ERROR_SQUARED, ERROR_SQUARED);
+                pass.outputs.scores[at] = slope;
+                self.sums.critic_losses[i] += f64::from(slope * (error - 0.5 * slope));
             }
             pass.gradients.backward(
                 arch,

@@ -25,7 +25,7 @@
 //!
 //! ```text
 //! v(s)    = sum_m pi(m|s) [ min_i Q'_i(s, a, m) - alpha_u ln pi(m|s) ],  a ~ pi
-//! J_Q     = mean 1/2 ( Q_i(s_n, a_n, m_n) - r - gamma v(s_{n+1}) )^2                    (eq:Q)
+//! J_Q     = mean h( Q_i(s_n, a_n, m_n) - r - gamma v(s_{n+1}) ),  h of Huber           (eq:Q)
 //! J_pi    = mean sum_m pi(m|s) [ alpha_u ln pi(m|s) - min_i Q_i(s, a, m) ] + w J_imitation
 //! J_sigma = -mean sum_m pi(m|s) min_i Q_i(s, v + sigma epsilon, m) - 2 alpha_d ln sigma
 //! ```
