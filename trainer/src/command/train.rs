@@ -11,7 +11,6 @@ use clap::{Args, ValueEnum};
 use environment::{Allocation, Constraints};
 use files::input;
 use scenario::{Scenario, ScenarioChoice};
-use serde::{Serialize, de::DeserializeOwned};
 use trainer::{
     any_mission,
     ddpg::Ddpg,
@@ -27,6 +26,7 @@ use trainer::{
 use super::{
     imitate::ImitationOptions,
     outcome::{Failure, Outcome},
+    overlay::overlay,
 };
 
 #[derive(Debug, Args)]
@@ -380,29 +380,5 @@ impl Train {
             None => checked?,
         }
         Ok(settings)
-    }
-}
-
-/// Returns the settings with the values that a table contains replaced; in a table within it, too.
-fn overlay<S: Serialize + DeserializeOwned>(
-    settings: &S,
-    changes: toml::Table,
-) -> anyhow::Result<S> {
-    let mut table = toml::Table::try_from(settings)?;
-    replace(&mut table, changes);
-    Ok(table.try_into()?)
-}
-
-/// Replaces the values that `changes` contains.
-fn replace(table: &mut toml::Table, changes: toml::Table) {
-    for (name, value) in changes {
-        match (table.get_mut(&name), value) {
-            (Some(toml::Value::Table(inner)), toml::Value::Table(changes)) => {
-                replace(inner, changes);
-            }
-            (_, value) => {
-                table.insert(name, value);
-            }
-        }
     }
 }

@@ -92,7 +92,7 @@ fn the_policy_and_its_gradients_match_differences() {
     assert!((users.prob.iter().sum::<f32>() - 1.0).abs() < 1e-6);
     let mut gradient = [f32::NAN; 4];
     users.gradient(0.3, |m| q[m], &mut gradient);
-    for user in 0..4 {
+    for (user, expected) in gradient.into_iter().enumerate() {
         let at = |shift: f32| {
             let mut moved = scores;
             moved[user] += shift;
@@ -102,7 +102,7 @@ fn the_policy_and_its_gradients_match_differences() {
         };
         let slope = (at(1e-2) - at(-1e-2)) / 2e-2;
         assert!(
-            (slope - gradient[user]).abs() < 1e-3,
+            (slope - expected).abs() < 1e-3,
             "{user}: {slope} {gradient:?}"
         );
     }
@@ -111,7 +111,7 @@ fn the_policy_and_its_gradients_match_differences() {
         let sample = |v| Displacement::new(v, 0.2, [0.5, -1.0]);
         let weights = [0.7, -0.4];
         let got = sample(v).backward(weights);
-        for i in 0..2 {
+        for (i, expected) in got.into_iter().enumerate() {
             let at = |shift: f32| {
                 let mut moved = v;
                 moved[i] += shift;
@@ -119,7 +119,7 @@ fn the_policy_and_its_gradients_match_differences() {
                 a[0] * weights[0] + a[1] * weights[1]
             };
             let slope = (at(1e-2) - at(-1e-2)) / 2e-2;
-            assert!((slope - got[i]).abs() < 1e-3, "{v:?}: {slope} {got:?}");
+            assert!((slope - expected).abs() < 1e-3, "{v:?}: {slope} {got:?}");
         }
     }
     let picked = [0.0, 0.999_999].map(|uniform| users.pick(uniform));
@@ -211,16 +211,16 @@ fn the_losses_fall_along_their_gradients() {
         });
         moved
     };
-    for i in 0..2 {
+    for (i, gradient) in gradients.iter().enumerate() {
         let loss = |h: f64| {
             let mut changed = networks.clone();
             let critic = &mut changed.critics[i].network;
-            *critic = moved(critic, &gradients[i], h);
+            *critic = moved(critic, gradient, h);
             let mut learner = Learner::new(&changed, arch, 1);
             let step = learner.critics(&settings, &changed, &memory, &transitions);
             step.means.critic_losses[i]
         };
-        check("critic", &gradients[i], loss);
+        check("critic", gradient, loss);
     }
     let loss = |h: f64| {
         let mut changed = networks.clone();
