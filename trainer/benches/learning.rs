@@ -26,9 +26,9 @@ use trainer::{
     learner::Learner,
     nn::sets::{BatchGradient, SetBatch, SetNetwork},
     reinforcement::{
+        self,
         episode::{Episode, Pilot},
-        learner::Learner,
-        memory::{Memory, Transition},
+        memory::Memory,
         networks::Networks,
         settings::ReinforcementSettings,
         task::Task,
@@ -176,10 +176,10 @@ fn sets_sac() -> Step {
         let episode = Episode::fly(&task, Pilot::Random, arch, &mut rng).expect("flies");
         memory.push(task.demonstration, episode);
     }
-    let mut learner = Learner::new(&networks, arch, 1);
+    let mut learner = reinforcement::learner::Learner::new(&networks, arch, 1);
     let count = settings.imitation.batch;
     let draw = |_| memory.draw(settings.alternative_fraction, &mut rng);
-    let transitions: Vec<Transition> = (0..count).map(draw).collect();
+    let transitions: Vec<_> = (0..count).map(draw).collect();
     Box::new(move || {
         black_box(learner.critics(&settings, &networks, &memory, &transitions));
         black_box(learner.actor(&networks, count));
