@@ -223,6 +223,29 @@ fn the_benchmark_compares_policies_with_bounds_and_resumes() {
     let columns = |row: &str| row.matches('|').count();
     assert!(rows.iter().all(|row| columns(row) == columns(rows[0])));
 
+    // The same flights by groups, under another name.
+    fs::write(
+        &document,
+        "<!-- benchmark ideal -->kept<!-- /benchmark ideal -->\n\
+         <!-- benchmark two groups --><!-- /benchmark two groups -->\n",
+    )
+    .expect("written");
+    let groups = [&table[..], &["--groups", "--table", "two", "--json"]].concat();
+    let by_group = json(&[&["benchmark", "--missions", missions], &groups[..]].concat());
+    assert_eq!(by_group[0]["group"], "all");
+    assert_eq!(by_group[0]["mean"], found[0]["mean"]);
+    assert_eq!(by_group[1]["policy"], "straight-line");
+    let names = by_group.as_array().expect("rows");
+    let has = |name: &str| names.iter().any(|row| row["group"] == name);
+    assert!(!has("layouts unknown"), "{by_group}");
+    let layouts = ["uniform", "clustered", "ring", "line", "corner"];
+    assert!(layouts.iter().any(|layout| has(&format!("users {layout}"))));
+    let written = fs::read_to_string(&document).expect("readable");
+    assert!(written.contains("-->kept<!--"), "{written}");
+    let rows: Vec<&str> = written.lines().filter(|row| row.starts_with('|')).collect();
+    assert_eq!(rows.len(), 2 + names.len(), "{written}");
+    assert!(rows[2].starts_with("| all | plan | 2 | 0.9"), "{written}");
+
     // With a body, the flights of the ideal vehicle are known already.
     let page = folder.path().join("page.html");
     let written = ["--results", text(&results), "--page", text(&page), "--json"];

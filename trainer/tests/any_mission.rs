@@ -58,6 +58,33 @@ fn a_policy_is_trained_resumed_and_exported() {
     ];
     trainer(&[&train[..], &from].concat(), path).success();
 
+    // Layouts are left out of a run; a network that has learned from them does not begin one.
+    let without = |layouts: &[&'static str], rest: &[&'static str]| {
+        let leave_out = layouts.iter().flat_map(|layout| ["--leave-out", *layout]);
+        let run = ["--steps", "2", "--out", "third", "--quiet"];
+        let arguments: Vec<&str> = train.into_iter().chain(run).chain(leave_out).collect();
+        trainer(&[&arguments[..], rest].concat(), path)
+    };
+    let errors = |assert: assert_cmd::assert::Assert| {
+        String::from_utf8_lossy(&assert.code(2).get_output().stderr).into_owned()
+    };
+    let layouts = ["uniform", "clustered", "ring", "line", "corner"];
+    let refused = errors(without(&layouts, &[]));
+    assert!(refused.contains("left_out_layouts must leave"), "{refused}");
+    let refused = errors(without(&["ring"], &["--from", "run/checkpoint.bin"]));
+    assert!(
+        refused.contains("learned from missions \"random\""),
+        "{refused}"
+    );
+    without(&["ring", "line"], &[]).success();
+    let settings = fs::read_to_string(path.join("third/settings.toml")).expect("settings");
+    assert!(
+        settings.contains(r#"left_out_layouts = ["ring", "line"]"#),
+        "{settings}"
+    );
+    let from = ["--from", "third/checkpoint.bin", "--overwrite"];
+    without(&["line", "ring"], &from).success();
+
     // As ONNX: converted to the same file, evaluated, and adapted to one mission.
     let export = ["export", "run/checkpoint.bin", "--onnx", "any.onnx"];
     trainer(&export, path).success();

@@ -9,7 +9,8 @@
 //! * [`Events`] are the changes of a mission in flight, and [`Timeline`] the mission in each slot.
 //! * [`Uncertainty`] is how the world differs from what is known of it, and [`Tracks`] where users and
 //!   sensors truly are.
-//! * [`generate`] and [`random`] make scenarios; [`PlaceRates`] computes the rates at any position.
+//! * [`generate`] and [`random`] make scenarios; [`MissionGroup`] is a group of random ones.
+//! * [`PlaceRates`] computes the rates at any position.
 
 #![deny(missing_docs)]
 
@@ -18,6 +19,7 @@ mod digest;
 mod events;
 mod file;
 mod gain_map;
+mod groups;
 mod mission_file;
 mod node_csv;
 mod random;
@@ -35,8 +37,9 @@ pub use choice::{Changes, ScenarioChoice};
 pub use events::{Events, Timeline};
 pub use file::ScenarioError;
 pub use files::PerNode;
+pub use groups::{MissionGroup, MissionProperties};
 pub use mission_file::Origin;
-pub use random::{Layout, random};
+pub use random::{DrawnMission, Layout, Layouts, random};
 pub use random_events::EventKind;
 pub use rates::{ABSENT_RATE, PlaceRates, with_field};
 pub use scenario::Scenario;

@@ -8,6 +8,7 @@ use clap::ValueEnum;
 use firmware_core::mission::{Environment, ExcessLoss, RadioModel};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
 
 use super::rates::PlaceRates;
 use crate::{
@@ -18,7 +19,8 @@ use crate::{
 };
 
 /// How users or sensors are distributed over the area.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// Anywhere in the area.
     Uniform,
@@ -32,13 +34,47 @@ pub enum Layout {
     Corner,
 }
 
-const LAYOUTS: [Layout; 5] = [
-    Layout::Uniform,
-    Layout::Clustered,
-    Layout::Ring,
-    Layout::Line,
-    Layout::Corner,
-];
+impl Layout {
+    /// All layouts. Each is as likely as the others.
+    pub const ALL: [Self; 5] = [
+        Self::Uniform,
+        Self::Clustered,
+        Self::Ring,
+        Self::Line,
+        Self::Corner,
+    ];
+
+    /// Returns the name, as on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Uniform => "uniform",
+            Self::Clustered => "clustered",
+            Self::Ring => "ring",
+            Self::Line => "line",
+            Self::Corner => "corner",
+        }
+    }
+}
+
+/// The layouts of a mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layouts {
+    /// The layout of the users.
+    pub users: Layout,
+    /// The layout of the sensors.
+    pub sensors: Layout,
+}
+
+/// A mission that was drawn at random, with the layouts that were drawn for it. The scenario file
+/// does not state them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnMission {
+    /// The mission.
+    pub scenario: Scenario,
+    /// Its layouts.
+    pub layouts: Layouts,
+}
+
 /// The number of points along each axis at which a draw is checked for rates above 0.
 const CHECKED_POINTS: usize = 16;
 /// The fraction of a slot's rate limit that some position in a mission must reach.
@@ -56,23 +92,44 @@ const DRAWS_MAX: usize = 1000;
 /// # Errors
 /// Returns an error if none of 1000 draws with this seed gives a mission.
 pub fn random(seed: u64, layout: Option<Layout>) -> Result<Scenario, String> {
-    let mut random = Pcg64::seed_from_u64(seed);
-    for _ in 0..DRAWS_MAX {
-        let file = draw(&mut random, layout);
-        if let Ok(scenario) = Scenario::from_file(&format!("random-{seed:04}"), file)
-            && carries_data(&scenario)
-        {
-            return Ok(scenario);
-        }
-    }
-    Err(format!(
-        "--seed {seed}: no valid mission was found in {DRAWS_MAX} draws"
-    ))
+    DrawnMission::new(seed, layout, &[]).map(|drawn| drawn.scenario)
 }
 
-fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
-    let mut layout = || layout.unwrap_or_else(|| LAYOUTS[random.random_range(0..LAYOUTS.len())]);
-    let (user_layout, sensor_layout) = (layout(), layout());
+impl DrawnMission {
+    /// Draws a mission like [`random`], but also discards each draw in which the users or the
+    /// sensors have one of the layouts `left_out`. Where none is left out, or the first valid draw
+    /// has none of them, the mission is that of [`random`].
+    ///
+    /// # Errors
+    /// Returns an error if none of 1000 draws with this seed gives a mission; so it is if `layout`
+    /// or all layouts are left out.
+    pub fn new(seed: u64, layout: Option<Layout>, left_out: &[Layout]) -> Result<Self, String> {
+        let mut random = Pcg64::seed_from_u64(seed);
+        for _ in 0..DRAWS_MAX {
+            let (layouts, file) = draw(&mut random, layout);
+            let is_left_out = [layouts.users, layouts.sensors]
+                .iter()
+                .any(|layout| left_out.contains(layout));
+            if !is_left_out
+                && let Ok(scenario) = Scenario::from_file(&format!("random-{seed:04}"), file)
+                && carries_data(&scenario)
+            {
+                return Ok(Self { scenario, layouts });
+            }
+        }
+        Err(format!(
+            "--seed {seed}: no valid mission was found in {DRAWS_MAX} draws"
+        ))
+    }
+}
+
+fn draw(random: &mut Pcg64, layout: Option<Layout>) -> (Layouts, ScenarioFile) {
+    let mut layout =
+        || layout.unwrap_or_else(|| Layout::ALL[random.random_range(0..Layout::ALL.len())]);
+    let layouts = Layouts {
+        users: layout(),
+        sensors: layout(),
+    };
     let side_m = |random: &mut Pcg64| rounded(random.random_range(500.0..1600.0), 10.0);
     let area_m = [side_m(random), side_m(random)];
     let users = random.random_range(4..=16);
@@ -80,7 +137,7 @@ fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
     let threshold = random.random_range(0.3..0.93) / sensors as f64;
     let mut anywhere = || place(random, area_m, [0.03, 0.97], [0.03, 0.97]);
     let (start_m, destination_m) = (anywhere(), anywhere());
-    ScenarioFile {
+    let file = ScenarioFile {
         mission: MissionTable {
             slots: random.random_range(30..=90),
             slot_duration_s: [1.0, 1.0, 2.0][random.random_range(0..3)],
@@ -107,15 +164,16 @@ fn draw(random: &mut Pcg64, layout: Option<Layout>) -> ScenarioFile {
         },
         users: UsersTable {
             power_max_w: rounded(random.random_range(0.1..0.4), 0.01),
-            positions_m: places(random, user_layout, users, area_m),
+            positions_m: places(random, layouts.users, users, area_m),
         },
         sensors: SensorsTable {
-            positions_m: places(random, sensor_layout, sensors, area_m),
+            positions_m: places(random, layouts.sensors, sensors, area_m),
         },
         origin: Origin::default(),
         sensing: Sensing::default(),
         uncertainty: Uncertainty::default(),
-    }
+    };
+    (layouts, file)
 }
 
 /// Returns whether some position on a coarse grid gives some user a usable rate.
@@ -232,7 +290,7 @@ mod tests {
 
     #[test]
     fn numbers_are_in_their_ranges_for_every_layout() {
-        for layout in LAYOUTS {
+        for layout in Layout::ALL {
             for seed in 0..10 {
                 let mission = random(seed, Some(layout)).expect("a mission").mission;
                 let sensors = mission.sensor_count();
@@ -243,5 +301,68 @@ mod tests {
                 assert!((0.299..0.931).contains(&threshold), "{threshold}");
             }
         }
+    }
+
+    /// Names on the command line, in files and in tables are the same, and none is missing.
+    #[test]
+    fn a_layout_has_one_name() {
+        assert_eq!(Layout::value_variants(), Layout::ALL);
+        for layout in Layout::ALL {
+            let value = layout.to_possible_value().expect("a name");
+            assert_eq!(value.get_name(), layout.name());
+            let in_file = toml::Value::try_from(layout).expect("serializable");
+            assert_eq!(in_file.as_str(), Some(layout.name()));
+        }
+    }
+
+    /// Missions without some layouts are those of the distribution that have none of them.
+    #[test]
+    fn layouts_that_are_left_out_are_not_drawn() {
+        let left_out = [Layout::Ring, Layout::Line];
+        let mut found = Vec::new();
+        let mut unchanged = 0;
+        for seed in 0..60 {
+            let drawn = DrawnMission::new(seed, None, &left_out).expect("a mission");
+            let plain = DrawnMission::new(seed, None, &[]).expect("a mission");
+            assert_eq!(plain.scenario, random(seed, None).expect("a mission"));
+            let of = |layouts: Layouts| [layouts.users, layouts.sensors];
+            if of(plain.layouts).iter().any(|one| left_out.contains(one)) {
+                assert_ne!(drawn.scenario.digest(), plain.scenario.digest());
+            } else {
+                assert_eq!(drawn, plain);
+                unchanged += 1;
+            }
+            found.extend(of(drawn.layouts));
+        }
+        assert!((10..40).contains(&unchanged), "{unchanged}");
+        for layout in Layout::ALL {
+            assert_eq!(found.contains(&layout), !left_out.contains(&layout));
+        }
+        assert!(DrawnMission::new(1, None, &Layout::ALL).is_err());
+        assert!(DrawnMission::new(1, Some(Layout::Ring), &left_out).is_err());
+    }
+
+    /// The layouts are those of the positions: in a corner no coordinate is in the middle.
+    #[test]
+    fn layouts_are_those_of_the_positions() {
+        let mut corners = 0;
+        for seed in 0..60 {
+            let drawn = DrawnMission::new(seed, None, &[]).expect("a mission");
+            let mission = &drawn.scenario.mission;
+            let area = &mission.parameters().area;
+            let is_cornered = |place: &firmware_core::Position<f64>| {
+                let fractions = [place.x / area.east_m, place.y / area.north_m];
+                fractions.iter().all(|f| !(0.36..0.64).contains(f))
+            };
+            if drawn.layouts.users == Layout::Corner {
+                assert!(mission.users().all(|(_, place)| is_cornered(place)));
+                corners += 1;
+            }
+            if drawn.layouts.sensors == Layout::Corner {
+                assert!(mission.sensors().all(|(_, place)| is_cornered(place)));
+                corners += 1;
+            }
+        }
+        assert!(corners > 5, "{corners}");
     }
 }

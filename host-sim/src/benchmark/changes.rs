@@ -47,6 +47,11 @@ pub struct ChangeStatistics {
     pub worst: f64,
     /// The mission with the smallest share.
     pub worst_mission: String,
+    /// The mean fraction of the total of the reference policy on the same missions; NaN if it did
+    /// not fly them all.
+    pub reference_mean: f64,
+    /// The smallest of these fractions.
+    pub reference_worst: f64,
     /// The number of violated constraints, arrival and fairness included.
     pub violations: usize,
 }
@@ -102,7 +107,13 @@ impl ChangeMission {
 
 impl ChangeStatistics {
     /// Returns the statistics of `policy` for one kind, or for all of them; `None` without flights.
-    pub fn of(flights: &[ChangeFlight], policy: &str, kind: Option<EventKind>) -> Option<Self> {
+    /// `reference` is the policy with whose totals its own are compared.
+    pub fn of(
+        flights: &[ChangeFlight],
+        policy: &str,
+        reference: &str,
+        kind: Option<EventKind>,
+    ) -> Option<Self> {
         let own = flights.iter().filter(|flight| {
             flight.flown.policy == policy && kind.is_none_or(|kind| flight.kind == kind)
         });
@@ -112,6 +123,16 @@ impl ChangeStatistics {
         });
         let (worst, worst_mission) = shares.clone().min_by(|a, b| a.0.total_cmp(&b.0))?;
         let count = own.clone().count();
+        let of_reference: Vec<f64> = (own.clone())
+            .map(|flight| {
+                let same = flights.iter().find(|other| {
+                    other.flown.policy == reference && other.flown.digest == flight.flown.digest
+                });
+                same.map_or(f64::NAN, |other| {
+                    flight.flown.sum_rate / other.flown.sum_rate
+                })
+            })
+            .collect();
         Some(Self {
             kind,
             policy: policy.into(),
@@ -119,7 +140,57 @@ impl ChangeStatistics {
             mean: shares.map(|(share, _)| share).sum::<f64>() / count as f64,
             worst,
             worst_mission: worst_mission.into(),
+            reference_mean: of_reference.iter().sum::<f64>() / count as f64,
+            reference_worst: of_reference.into_iter().min_by(f64::total_cmp)?,
             violations: own.map(|flight| flight.flown.violations).sum(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flight(policy: &str, mission: usize, sum_rate: f64) -> ChangeFlight {
+        ChangeFlight {
+            kind: EventKind::ALL[mission % 2],
+            flown: Flown {
+                mission: format!("m{mission}"),
+                digest: format!("d{mission}"),
+                policy: policy.into(),
+                profile: "ideal".into(),
+                sum_rate,
+                violations: 0,
+                inaccurate_slots: 0,
+                preparation_s: 1.0,
+                decision_us: 1.0,
+            },
+            hindsight: 10.0,
+        }
+    }
+
+    /// A policy is compared with the reference on the missions of the kind, one by one.
+    #[test]
+    fn totals_are_compared_with_those_of_the_reference() {
+        let mut flights = Vec::new();
+        for (mission, own, planned) in [(0, 4.0, 8.0), (1, 9.0, 9.0), (2, 9.0, 10.0)] {
+            flights.push(flight("any", mission, own));
+            flights.push(flight("plan", mission, planned));
+        }
+        let of = |policy, kind| {
+            ChangeStatistics::of(&flights, policy, "plan", kind).expect("statistics")
+        };
+        let all = of("any", None);
+        assert_eq!((all.flown, all.worst), (3, 0.4));
+        assert!((all.reference_mean - (0.5 + 1.0 + 0.9) / 3.0).abs() < 1e-12);
+        assert_eq!(all.reference_worst, 0.5);
+        let first = of("any", Some(EventKind::ALL[0]));
+        assert!((first.reference_mean - 0.7).abs() < 1e-12);
+        let plan = of("plan", None);
+        assert_eq!((plan.reference_mean, plan.reference_worst), (1.0, 1.0));
+        // The reference did not fly one of the missions.
+        flights.pop();
+        let part = ChangeStatistics::of(&flights, "any", "plan", None).expect("statistics");
+        assert!(part.reference_mean.is_nan());
     }
 }

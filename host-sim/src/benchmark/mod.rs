@@ -6,6 +6,7 @@
 
 mod bounds;
 mod changes;
+mod groups;
 mod page;
 mod statistics;
 mod table;
@@ -29,6 +30,7 @@ use vehicle::{Profile, Vehicle};
 
 pub use bounds::{BoundRecord, Bounds, FILE_NAME as BOUNDS_FILE};
 pub use changes::{ChangeFlight, ChangeMission, ChangeStatistics, change_missions};
+pub use groups::{GroupStatistics, group_statistics};
 pub use page::page;
 pub use statistics::{PolicyStatistics, statistics};
 pub use table::Table;

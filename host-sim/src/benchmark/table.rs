@@ -1,13 +1,13 @@
 //! Tables of statistics, for the terminal, for documents and for pages.
 
-use super::{ChangeStatistics, PolicyStatistics};
+use super::{ChangeStatistics, GroupStatistics, PolicyStatistics};
 use figures::markup::{Element, element};
 use scenario::EventKind;
 
-/// A table with one row per policy, or per policy and kind of change.
+/// A table with one row per policy, or per policy and group of missions or kind of change.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    columns: Vec<&'static str>,
+    columns: Vec<String>,
     rows: Vec<Vec<String>>,
     /// The number of columns, from the first on, that hold words. The others hold numbers.
     words: usize,
@@ -55,15 +55,40 @@ impl Table {
             ]);
             cells
         };
+        Self::new(1, &columns, found.iter().map(row).collect())
+    }
+
+    /// Creates the table of groups of missions.
+    pub fn of_groups(found: &[GroupStatistics]) -> Self {
+        let row = |row: &GroupStatistics| {
+            let found = &row.statistics;
+            vec![
+                row.group.clone(),
+                found.policy.clone(),
+                found.counted.to_string(),
+                number(found.mean, 4),
+                number(found.quantile_5, 4),
+                number(found.worst, 4),
+                found.violations.to_string(),
+            ]
+        };
+        let columns = [
+            "missions", "policy", "counted", "mean", "5 %", "worst", "violated",
+        ];
+        Self::new(2, &columns, found.iter().map(row).collect())
+    }
+
+    fn new(words: usize, columns: &[&str], rows: Vec<Vec<String>>) -> Self {
         Self {
-            columns,
-            rows: found.iter().map(row).collect(),
-            words: 1,
+            columns: columns.iter().copied().map(str::to_owned).collect(),
+            rows,
+            words,
         }
     }
 
-    /// Creates the table of missions that change in flight.
-    pub fn of_changes(found: &[ChangeStatistics]) -> Self {
+    /// Creates the table of missions that change in flight. `reference` is the policy with whose
+    /// totals the others are compared.
+    pub fn of_changes(found: &[ChangeStatistics], reference: &str) -> Self {
         let row = |row: &ChangeStatistics| {
             vec![
                 row.kind.map_or("all of these", EventKind::title).to_owned(),
@@ -71,27 +96,29 @@ impl Table {
                 row.flown.to_string(),
                 number(row.mean, 4),
                 number(row.worst, 4),
+                number(row.reference_mean, 4),
+                number(row.reference_worst, 4),
                 row.violations.to_string(),
             ]
         };
-        Self {
-            columns: vec![
-                "at mid-mission",
-                "policy",
-                "flown",
-                "mean",
-                "worst",
-                "violated",
-            ],
-            rows: found.iter().map(row).collect(),
-            words: 2,
-        }
+        let of_reference = format!("of {reference}");
+        let columns = [
+            "at mid-mission",
+            "policy",
+            "flown",
+            "mean",
+            "worst",
+            of_reference.as_str(),
+            "at least",
+            "violated",
+        ];
+        Self::new(2, &columns, found.iter().map(row).collect())
     }
 
     /// Returns the table in columns of text.
     pub fn to_text(&self) -> String {
-        let headings: Vec<String> = self.columns.iter().copied().map(str::to_owned).collect();
-        let lines = || [&headings].into_iter().chain(&self.rows);
+        let headings = &self.columns;
+        let lines = || [headings].into_iter().chain(&self.rows);
         let width = |column: usize| lines().map(|row| row[column].len()).max().unwrap_or(0);
         let widths: Vec<usize> = (0..headings.len()).map(width).collect();
         let mut text = String::new();
@@ -133,7 +160,7 @@ impl Table {
             });
             element("tr").with_all(cells.collect::<Vec<_>>())
         };
-        let head = row("th", &mut self.columns.iter().copied());
+        let head = row("th", &mut self.columns.iter().map(String::as_str));
         let body = self
             .rows
             .iter()

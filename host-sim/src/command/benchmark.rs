@@ -14,13 +14,14 @@ use clap::Args;
 use host_sim::{
     benchmark::{
         self, BoundRecord, Bounds, ChangeFlight, ChangeStatistics, Flown, PolicyStatistics, Table,
-        statistics,
+        group_statistics, statistics,
     },
     policy::PolicyChoice,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use scenario::{EventKind, Scenario};
+use serde::Serialize;
 use vehicle::Profile;
 
 use super::{Failure, terminal};
@@ -59,25 +60,35 @@ pub(crate) struct BenchmarkArguments {
     /// plans that knew it from the start
     #[arg(long, value_name = "N", conflicts_with_all = ["certify", "results"])]
     changes: Option<u16>,
+    /// Print the statistics over groups of missions in place of those of all: by layout of the users
+    /// and of the sensors, by their numbers, and by the MSE threshold
+    #[arg(long, conflicts_with_all = ["certify", "changes", "page"])]
+    groups: bool,
     /// Print the statistics as JSON
     #[arg(long)]
     json: bool,
-    /// Also write the table into a document, between the marks <!-- benchmark PROFILE --> and
-    /// <!-- /benchmark PROFILE --> (with --changes: "benchmark changes")
+    /// Also write the table into a document, between the marks <!-- benchmark NAME --> and
+    /// <!-- /benchmark NAME --> (with --groups: "benchmark NAME groups")
     #[arg(long, value_name = "F.md", conflicts_with = "certify")]
     document: Option<PathBuf>,
+    /// Name of the table in the document [default: the profile; with --changes: changes]
+    #[arg(long, value_name = "NAME", requires = "document")]
+    table: Option<String>,
     /// Also write a page with the table, the fractions of all missions, and the smallest ones
     #[arg(long, value_name = "F.html", conflicts_with_all = ["certify", "changes"])]
     page: Option<PathBuf>,
 }
 
 impl BenchmarkArguments {
-    /// Returns the name of the table: the vehicle's profile, or that of the missions that change.
+    /// Returns the name of the table in the document's marks.
     fn table_name(&self) -> String {
-        match self.changes {
-            Some(_) => "benchmark changes".into(),
-            None => format!("benchmark {}", self.profile),
-        }
+        let name = match (&self.table, self.changes) {
+            (Some(name), _) => name.clone(),
+            (None, Some(_)) => "changes".into(),
+            (None, None) => self.profile.to_string(),
+        };
+        let groups = if self.groups { " groups" } else { "" };
+        format!("benchmark {name}{groups}")
     }
 
     /// Checks that the document can take the table.
@@ -153,32 +164,52 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
         .into_iter()
         .partition(|flown| flown.profile == arguments.profile.to_string());
     let names: Vec<String> = policies.iter().map(ToString::to_string).collect();
+    if arguments.groups {
+        let found = group_statistics(&scenarios, &names, &flights, &bounds);
+        return report(arguments, &found, &Table::of_groups(&found));
+    }
     let found: Vec<PolicyStatistics> = names
         .iter()
         .map(|policy| statistics(policy, &names[0], &flights, &ideal, &bounds))
         .collect();
     let table = Table::of_policies(&found);
-    arguments.write_document(&table.to_markdown())?;
     if let Some(path) = &arguments.page {
         let profile = arguments.profile;
         let page = benchmark::page(&scenarios, &names, profile, &flights, &bounds, &table);
         files::output::write(path, page.as_bytes()).map_err(Failure::failed)?;
     }
+    report(arguments, &found, &table)?;
+    if !arguments.json {
+        let mut out = std::io::stdout().lock();
+        for row in found.iter().filter(|row| row.refused > 0) {
+            writeln!(out, "{} does not fit {} missions", row.policy, row.refused)?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes the table into the document, and prints the table or, as JSON, what it was made of.
+fn report(
+    arguments: &BenchmarkArguments,
+    found: &impl Serialize,
+    table: &Table,
+) -> Result<(), Failure> {
+    arguments.write_document(&table.to_markdown())?;
     let mut out = std::io::stdout().lock();
     if arguments.json {
-        serde_json::to_writer_pretty(&mut out, &found).map_err(Failure::failed)?;
+        serde_json::to_writer_pretty(&mut out, found).map_err(Failure::failed)?;
         writeln!(out)?;
         return Ok(());
     }
-    writeln!(
-        out,
-        "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %",
-        100.0 * benchmark::COUNTED_GAP
-    )?;
+    let fraction = match arguments.changes {
+        Some(_) => "fraction of a plan that knew the change from the start".to_owned(),
+        None => format!(
+            "sum rate as a fraction of the certified upper bound, over missions with a gap of at most {} %",
+            100.0 * benchmark::COUNTED_GAP
+        ),
+    };
+    writeln!(out, "{fraction}")?;
     write!(out, "{}", table.to_text())?;
-    for row in found.iter().filter(|row| row.refused > 0) {
-        writeln!(out, "{} does not fit {} missions", row.policy, row.refused)?;
-    }
     Ok(())
 }
 
@@ -205,20 +236,9 @@ fn fly_changes(
         })
         .collect();
     bar.finish_and_clear();
-    let table = Table::of_changes(&change_rows(&flights, policies));
-    arguments.write_document(&table.to_markdown())?;
-    let mut out = std::io::stdout().lock();
-    if arguments.json {
-        serde_json::to_writer_pretty(&mut out, &flights).map_err(Failure::failed)?;
-        writeln!(out)?;
-        return Ok(());
-    }
-    writeln!(
-        out,
-        "fraction of a plan that knew the change from the start"
-    )?;
-    write!(out, "{}", table.to_text())?;
-    Ok(())
+    let rows = change_rows(&flights, policies);
+    let table = Table::of_changes(&rows, &policies[0].to_string());
+    report(arguments, &flights, &table)
 }
 
 /// Returns the statistics of each kind of change and policy, then of all changes.
@@ -226,7 +246,10 @@ fn change_rows(flights: &[ChangeFlight], policies: &[PolicyChoice]) -> Vec<Chang
     let kinds = EventKind::ALL.into_iter().map(Some).chain([None]);
     kinds
         .flat_map(|kind| policies.iter().map(move |policy| (kind, policy)))
-        .filter_map(|(kind, policy)| ChangeStatistics::of(flights, &policy.to_string(), kind))
+        .filter_map(|(kind, policy)| {
+            let reference = policies[0].to_string();
+            ChangeStatistics::of(flights, &policy.to_string(), &reference, kind)
+        })
         .collect()
 }
 

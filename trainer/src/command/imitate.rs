@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
 use clap::Args;
+use scenario::Layout;
 use trainer::{
     any_mission::{self, Method},
     imitation::{run::Imitation, settings::ImitationSettings, trained::TrainedNetwork},
-    nn::sets::Architecture,
     onnx,
     record::Threads,
     reinforcement::{run::Reinforcement, settings::ReinforcementSettings},
@@ -35,6 +35,10 @@ pub(crate) struct ImitationOptions {
         "resume", "preset", "episodes", "discount", "inner", "constraints", "seeds",
     ])]
     from: Option<PathBuf>,
+    /// With --missions random: draw no missions whose users or sensors have this layout, so that the
+    /// network can be evaluated on layouts that it has not learned from; may be given several times
+    #[arg(long, value_enum, value_name = "LAYOUT", requires = "missions")]
+    leave_out: Vec<Layout>,
     /// With --missions random: threads that compute gradients; they change no result
     #[arg(long, default_value_t = 1)]
     gradient_threads: usize,
@@ -72,25 +76,38 @@ impl ImitationOptions {
         path.filter(|path| path.as_os_str() != "new")
     }
 
-    /// Sets the duration, if it is given.
-    fn set_duration(&self, settings: &mut ImitationSettings) {
+    /// Sets duration and left-out layouts, if they are given.
+    fn set(&self, settings: &mut ImitationSettings) {
         if self.has_duration() {
             settings.minutes = self.minutes.unwrap_or(0.0);
             settings.steps = self.steps.unwrap_or(0);
         }
+        if !self.leave_out.is_empty() {
+            settings.left_out_layouts = self.leave_out.clone();
+        }
     }
 
     /// Returns the parameters that the run starts from, if they are not random.
-    fn parameters(&self, architecture: Architecture) -> anyhow::Result<Option<Vec<f32>>> {
+    fn parameters(&self, settings: &ImitationSettings) -> anyhow::Result<Option<Vec<f32>>> {
         let Some(path) = self.start_file() else {
             return Ok(None);
         };
         let network = read_network(path)?;
         ensure!(
-            network.architecture == architecture,
-            "{}: the network has {:?}, but {architecture:?} was asked for",
+            network.architecture == settings.architecture,
+            "{}: the network has {:?}, but {:?} was asked for",
             path.display(),
             network.architecture,
+            settings.architecture
+        );
+        let learned_from = &network.provenance.missions;
+        ensure!(
+            settings.left_out_layouts.is_empty()
+                || learned_from.as_str() == settings.distribution(),
+            "{}: the network has learned from missions \"{learned_from}\", but the run's are to be \
+             \"{}\"",
+            path.display(),
+            settings.distribution(),
         );
         Ok(Some(network.parameters))
     }
@@ -102,9 +119,9 @@ impl ImitationOptions {
         directory: &Path,
         show: bool,
     ) -> Outcome {
-        self.set_duration(&mut settings);
+        self.set(&mut settings);
         let start = || -> anyhow::Result<_> {
-            let from = self.parameters(settings.architecture)?;
+            let from = self.parameters(&settings)?;
             let directory = directory.to_owned();
             Imitation::start(settings, from.as_deref(), directory, self.threads())
         };
@@ -118,9 +135,9 @@ impl ImitationOptions {
         directory: &Path,
         show: bool,
     ) -> Outcome {
-        self.set_duration(&mut settings.imitation);
+        self.set(&mut settings.imitation);
         let start = || -> anyhow::Result<_> {
-            let from = self.parameters(settings.imitation.architecture)?;
+            let from = self.parameters(&settings.imitation)?;
             let directory = directory.to_owned();
             Reinforcement::start(settings, from.as_deref(), directory, self.threads())
         };

@@ -3,14 +3,14 @@
 use std::fmt::Write as _;
 
 use anyhow::Context;
-use clap::ValueEnum;
 use pulp::Arch;
-use scenario::Layout;
+use scenario::{Layout, MissionGroup};
 
 use super::{
     encoder::FEATURES,
     held_out::{Evaluation, Flown, HeldOut},
     run::Summary,
+    settings::RANDOM,
     trained::TrainedNetwork,
 };
 use crate::nn::sets::SetNetwork;
@@ -34,15 +34,16 @@ pub fn markdown(
     imported.ok().context("the parameters do not fit")?;
     let arch = Arch::new();
     let [count, per_layout] = MISSIONS;
-    let flights = HeldOut::new(count)?.fly(arch, &flying)?;
+    let flights = HeldOut::new(count, &[])?.fly(arch, &flying)?;
     let mut groups = vec![("all".to_owned(), flights.clone())];
-    groups.extend(parts(&flights));
-    for layout in Layout::value_variants() {
-        let held_out = HeldOut::with_layout(per_layout, Some(*layout))?;
-        let name = layout
-            .to_possible_value()
-            .map(|value| value.get_name().to_owned());
-        let name = format!("users and sensors {}", name.unwrap_or_default());
+    groups.extend(MissionGroup::BY_SIZE.map(|group| {
+        let is_in = |flown: &&Flown| group.contains(&flown.properties);
+        let flown = flights.iter().filter(is_in).copied();
+        (group.to_string(), flown.collect::<Vec<_>>())
+    }));
+    for layout in Layout::ALL {
+        let held_out = HeldOut::with_layout(per_layout, layout)?;
+        let name = format!("users and sensors {}", layout.name());
         groups.push((name, held_out.fly(arch, &flying)?));
     }
     let size = network.architecture;
@@ -51,7 +52,7 @@ pub fn markdown(
          | | |\n|---|---|\n\
          | Made by | `{command}` |\n\
          | Algorithm | {} |\n\
-         | Missions | {}, drawn from the distribution of `host-sim scenario random` |\n\
+         | Missions | {}, drawn from the distribution of `host-sim scenario random`{} |\n\
          | Seed | {} |\n\
          | Gradient steps | {} of {} states |\n\
          | Duration | {:.0} min |\n\
@@ -61,6 +62,11 @@ pub fn markdown(
          | missions | | mean | 5 % quantile | worst | violated |\n|---|--:|--:|--:|--:|--:|\n",
         network.provenance.algorithm,
         network.provenance.episodes,
+        network
+            .provenance
+            .missions
+            .strip_prefix(RANDOM)
+            .unwrap_or(""),
         network.provenance.seed,
         summary.steps,
         summary.batch,
@@ -87,27 +93,4 @@ pub fn markdown(
     }
     let _ = write!(card, "\n![Learning curve]({name}.svg)\n");
     Ok(card)
-}
-
-/// Divides flights by the numbers of users and sensors and by the threshold.
-fn parts(flights: &[Flown]) -> Vec<(String, Vec<Flown>)> {
-    type Belongs = fn(&Flown) -> bool;
-    let parts: [(&str, Belongs); 9] = [
-        ("4 to 8 users", |f| f.users <= 8),
-        ("9 to 12 users", |f| (9..=12).contains(&f.users)),
-        ("13 to 16 users", |f| f.users >= 13),
-        ("8 to 24 sensors", |f| f.sensors <= 24),
-        ("25 to 44 sensors", |f| (25..=44).contains(&f.sensors)),
-        ("45 to 64 sensors", |f| f.sensors >= 45),
-        ("J Gamma below 0.5", |f| f.tolerance < 0.5),
-        ("J Gamma from 0.5 to 0.7", |f| {
-            (0.5..0.7).contains(&f.tolerance)
-        }),
-        ("J Gamma above 0.7", |f| f.tolerance >= 0.7),
-    ];
-    let part = |(name, belongs): (&str, Belongs)| {
-        let part = flights.iter().filter(|flown| belongs(flown)).copied();
-        (name.to_owned(), part.collect())
-    };
-    parts.into_iter().map(part).collect()
 }

@@ -18,6 +18,12 @@ use crate::{evaluate::fly, learner::fill_normal, nn::sets::SetNetwork};
 
 /// The planner's steps between two looks at whether it has finished.
 const OPERATIONS_PER_STEP: u64 = 5_000_000;
+/// The largest weight of a demonstration.
+pub const WEIGHT_MAX: f64 = 5.0;
+/// A fraction of the planner's total that the network loses adds 1 to the weight of a demonstration.
+const LOSS_UNIT: f64 = 0.02;
+/// Plans with a smaller total, bit/s/Hz, add no weight: fractions of it would mean little.
+const TOTAL_MIN: f64 = 0.5;
 /// The standard deviation of the disturbance of flights that follow the planner, in units of the
 /// way of a slot.
 const FLIGHT_DISTURBANCE: f64 = 0.3;
@@ -44,9 +50,15 @@ pub struct Demonstration {
     pub seed: u64,
     /// The mission.
     pub mission: HostMission,
+    /// How often its examples are drawn, compared with those of a mission that the network flies as
+    /// well as the planner: 1 to [`WEIGHT_MAX`].
+    pub weight: f64,
     /// The examples.
     pub examples: Vec<Example>,
 }
+
+/// What a checkpoint has of a demonstration: seed, weight and examples.
+pub type SavedDemonstration = (u64, f64, Vec<Example>);
 
 /// What the planner knows about a whole mission.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -125,11 +137,16 @@ impl Demonstration {
             reach_m: mission.reach_m(),
             examples: Vec::new(),
         };
-        fly(&mission, &mut flight, Allocation::default())?;
+        let flown = fly(&mission, &mut flight, Allocation::default())?;
         examples.append(&mut flight.examples);
+        let weight = match network {
+            Some(_) if summary.total > TOTAL_MIN => weight(1.0 - flown.sum_rate / summary.total),
+            _ => 1.0,
+        };
         let demonstration = Self {
             seed,
             mission,
+            weight,
             examples,
         };
         Ok((demonstration, summary))
@@ -152,21 +169,31 @@ impl Demonstration {
         }
     }
 
-    /// Restores a demonstration of a run from its seed and examples.
+    /// Returns what a checkpoint needs to restore the demonstration.
+    pub fn saved(&self) -> SavedDemonstration {
+        (self.seed, self.weight, self.examples.clone())
+    }
+
+    /// Restores a demonstration of a run from its seed, weight and examples.
     ///
     /// # Errors
     /// Fails if the seed gives no mission.
     pub fn restored(
         settings: &ImitationSettings,
-        seed: u64,
-        examples: Vec<Example>,
+        (seed, weight, examples): SavedDemonstration,
     ) -> anyhow::Result<Self> {
         Ok(Self {
             seed,
             mission: settings.mission(seed)?,
+            weight,
             examples,
         })
     }
+}
+
+/// Returns the weight of a mission of which the network lost a fraction.
+fn weight(lost: f64) -> f64 {
+    (1.0 + lost / LOSS_UNIT).clamp(1.0, WEIGHT_MAX)
 }
 
 /// Returns the states along a plan.

@@ -3,7 +3,7 @@
 use anyhow::anyhow;
 use environment::Allocation;
 use pulp::Arch;
-use scenario::{HostMission, Layout, random};
+use scenario::{DrawnMission, HostMission, Layout, MissionProperties};
 
 use super::{demonstration::planned, policy::SetPolicy};
 use crate::{evaluate::fly, nn::sets::SetNetwork};
@@ -18,7 +18,7 @@ const PLANNING_OPERATIONS: u64 = 500_000_000;
 /// Missions with the totals of the planner.
 #[derive(Clone, Debug)]
 pub struct HeldOut {
-    missions: Vec<(HostMission, f64)>,
+    missions: Vec<(HostMission, MissionProperties, f64)>,
 }
 
 /// The result of an evaluation: flown totals as fractions of the planner's.
@@ -37,12 +37,8 @@ pub struct Evaluation {
 /// A flown mission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flown {
-    /// The number of users.
-    pub users: usize,
-    /// The number of sensors.
-    pub sensors: usize,
-    /// `J Gamma`, the share of the error budget of an ideal channel that may be used: 0 to 1.
-    pub tolerance: f64,
+    /// The properties of the mission. Layouts are known of missions that were drawn.
+    pub properties: MissionProperties,
     /// The flown total as a fraction of the planner's.
     pub fraction: f64,
     /// Whether it broke fairness or did not arrive.
@@ -50,25 +46,35 @@ pub struct Flown {
 }
 
 impl HeldOut {
-    /// Draws and plans `count` missions.
+    /// Draws and plans `count` missions. None of them has one of the layouts `left_out`.
     ///
     /// # Errors
     /// Fails if a seed gives no mission.
-    pub fn new(count: usize) -> anyhow::Result<Self> {
-        Self::with_layout(count, None)
+    pub fn new(count: usize, left_out: &[Layout]) -> anyhow::Result<Self> {
+        Self::drawn(count, None, left_out)
     }
 
-    /// Like [`HeldOut::new`], with one layout of users and sensors.
+    /// Draws and plans `count` missions with one layout of users and sensors.
     ///
     /// # Errors
     /// Fails if a seed gives no mission.
-    pub fn with_layout(count: usize, layout: Option<Layout>) -> anyhow::Result<Self> {
+    pub fn with_layout(count: usize, layout: Layout) -> anyhow::Result<Self> {
+        Self::drawn(count, Some(layout), &[])
+    }
+
+    fn drawn(count: usize, layout: Option<Layout>, left_out: &[Layout]) -> anyhow::Result<Self> {
         let mut missions = Vec::new();
         for seed in (FIRST_SEED..).take(count) {
-            let scenario = random(seed, layout).map_err(|error| anyhow!(error))?;
-            let total = planned(&scenario.mission, PLANNING_OPERATIONS)?.value();
+            let drawn = DrawnMission::new(seed, layout, left_out);
+            let drawn = drawn.map_err(|error| anyhow!(error))?;
+            let mission = drawn.scenario.mission;
+            let total = planned(&mission, PLANNING_OPERATIONS)?.value();
             if total > TOTAL_MIN {
-                missions.push((scenario.mission, total));
+                let properties = MissionProperties {
+                    layouts: Some(drawn.layouts),
+                    ..MissionProperties::of(&mission)
+                };
+                missions.push((mission, properties, total));
             }
         }
         Ok(Self { missions })
@@ -80,8 +86,9 @@ impl HeldOut {
     /// Fails if the mission does not fit into a planner.
     pub fn of(mission: HostMission) -> anyhow::Result<Self> {
         let total = planned(&mission, PLANNING_OPERATIONS)?.value();
+        let properties = MissionProperties::of(&mission);
         Ok(Self {
-            missions: vec![(mission, total)],
+            missions: vec![(mission, properties, total)],
         })
     }
 
@@ -90,14 +97,11 @@ impl HeldOut {
     /// # Errors
     /// Returns the controller's error. A valid mission causes none.
     pub fn fly(&self, arch: Arch, network: &SetNetwork) -> anyhow::Result<Vec<Flown>> {
-        let flown = self.missions.iter().map(|(mission, total)| {
+        let flown = self.missions.iter().map(|(mission, properties, total)| {
             let policy = SetPolicy::new(network, mission.clone(), arch);
             let flight = fly(mission, policy, Allocation::default())?;
-            let sensors = mission.sensors().count();
             Ok(Flown {
-                users: mission.users().count(),
-                sensors,
-                tolerance: sensors as f64 * mission.parameters().mse_threshold,
+                properties: *properties,
                 fraction: flight.sum_rate / total,
                 violated: !(flight.arrived && flight.fair),
             })

@@ -17,7 +17,7 @@ const DISPLACEMENT_WEIGHT: f32 = 2.0;
 const SMALL_ERROR: f32 = 0.1;
 /// The names of the numbers that [`imitation`] reports.
 pub const NAMES: [&str; 3] = [
-    "losses/displacement_mse",
+    "losses/displacement_error",
     "losses/user_cross_entropy",
     "losses/user_accuracy",
 ];
@@ -34,10 +34,9 @@ pub fn imitation(
     for state in 0..batch.len() {
         let (v, target) = (outputs.displacement[state], labels.displacements[state]);
         let error = [v[0] - target[0], v[1] - target[1]];
-        losses[0] += f64::from(error[0] * error[0] + error[1] * error[1]);
-        // The gradient of sqrt(||error||^2 + SMALL_ERROR^2).
         let squares = error[0] * error[0] + error[1] * error[1] + SMALL_ERROR * SMALL_ERROR;
         let length = squares.sqrt();
+        losses[0] += f64::from(length);
         gradient.displacement[state] = error.map(|error| DISPLACEMENT_WEIGHT * error / length);
 
         let users = batch.users_of(state);

@@ -156,7 +156,7 @@ impl Imitation {
         };
         let network = load(&saved.parameters)?;
         let pilot = saved.pilot.as_deref().map(load).transpose()?;
-        let restore = |(seed, examples)| Demonstration::restored(&settings, seed, examples);
+        let restore = |saved| Demonstration::restored(&settings, saved);
         let demonstrations: anyhow::Result<Vec<_>> =
             saved.demonstrations.into_iter().map(restore).collect();
         let ready: anyhow::Result<VecDeque<_>> = saved.ready.into_iter().map(restore).collect();
@@ -206,7 +206,10 @@ impl Imitation {
     pub fn run(&mut self, show_progress: bool) -> anyhow::Result<Option<f64>> {
         let held_out = match self.settings.scenario {
             Some(_) => HeldOut::of(self.settings.mission(0)?)?,
-            None => HeldOut::new(self.settings.held_out_missions)?,
+            None => HeldOut::new(
+                self.settings.held_out_missions,
+                &self.settings.left_out_layouts,
+            )?,
         };
         let arch = self.arch;
         record::run(self, &held_out, arch, show_progress)
@@ -298,8 +301,6 @@ impl Learning for Imitation {
     fn save(&mut self) -> anyhow::Result<()> {
         let progress = self.record.progress();
         let (ready, next) = self.queue.settle()?;
-        let state =
-            |demonstration: &Demonstration| (demonstration.seed, demonstration.examples.clone());
         let saved = Saved {
             settings: self.settings.clone(),
             step: progress.step,
@@ -307,8 +308,12 @@ impl Learning for Imitation {
             parameters: self.network.export(),
             adam: self.adam.clone(),
             rng: self.rng.clone(),
-            demonstrations: self.demonstrations.iter().map(state).collect(),
-            ready: ready.iter().map(state).collect(),
+            demonstrations: self
+                .demonstrations
+                .iter()
+                .map(Demonstration::saved)
+                .collect(),
+            ready: ready.iter().map(Demonstration::saved).collect(),
             next,
             pilot: self.pilot.as_ref().map(|pilot| pilot.export()),
             rows: progress.rows,

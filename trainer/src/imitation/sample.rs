@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 use scenario::HostMission;
 
 use super::{
-    demonstration::{Demonstration, Example},
+    demonstration::{Demonstration, Example, WEIGHT_MAX},
     encoder::Encoder,
     settings::ImitationSettings,
     symmetry::Symmetry,
@@ -36,9 +36,14 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Draws an example of one of the demonstrations.
+    /// Draws an example of one of the demonstrations, each as often as its weight says.
     pub fn draw(demonstrations: &[Demonstration], rng: &mut Pcg64Mcg) -> Self {
-        let demonstration = rng.random_range(0..demonstrations.len());
+        let demonstration = loop {
+            let drawn = rng.random_range(0..demonstrations.len());
+            if WEIGHT_MAX * rng.random::<f64>() < demonstrations[drawn].weight {
+                break drawn;
+            }
+        };
         Self {
             demonstration,
             example: rng.random_range(0..demonstrations[demonstration].examples.len()),

@@ -1,16 +1,26 @@
 //! The settings of a run.
 
+use std::ops::Range;
+
 use anyhow::anyhow;
+use firmware_core::{Mission, Watt};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use scenario::{HostMission, Layout, Scenario, random};
+use scenario::{DrawnMission, HostMission, Layout, Scenario};
 use serde::{Deserialize, Serialize};
 
 use crate::nn::sets::Architecture;
 
+/// The noise of missions with high noise, dBm.
+pub const HIGH_NOISE_DBM: Range<f64> = -88.0..-83.0;
+
 /// Seeds of runs are below this number: their missions have seeds of their own, apart from those of
 /// the benchmark (`demonstration::mission_seed`).
 const SEED_LIMIT: u64 = u32::MAX as u64;
+
+/// How a file of a network names the distribution of its training missions; the layouts that were
+/// left out follow.
+pub const RANDOM: &str = "random";
 
 /// All settings of an imitation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,12 +60,20 @@ pub struct ImitationSettings {
     /// The sizes of the network.
     pub architecture: Architecture,
     /// The fraction of missions whose users and sensors are both drawn anywhere in the area. They are
-    /// the hardest, and the distribution has one in 25.
+    /// the hardest, and the distribution has one in 25. Without effect if that layout is left out.
     pub uniform_fraction: f64,
+    /// The fraction of missions whose noise is drawn from [`HIGH_NOISE_DBM`]. With much noise, rates
+    /// depend on the position more than anywhere else, and the distribution ends at -85 dBm.
+    pub high_noise_fraction: f64,
     /// The only mission of a run that adapts a network to it, as a scenario file; without it, missions
     /// are drawn at random.
     #[serde(default)]
     pub scenario: Option<String>,
+    /// Layouts that are not drawn, neither for users nor for sensors, so that the network can be
+    /// evaluated on missions of a kind that it has not learned from. The missions of the run's own
+    /// evaluations have none of them either, since the best network is chosen by these.
+    #[serde(default)]
+    pub left_out_layouts: Vec<Layout>,
     /// Number of missions of an evaluation.
     pub held_out_missions: usize,
     /// Number of steps between evaluations.
@@ -91,15 +109,17 @@ impl Default for ImitationSettings {
             final_rate_fraction: 0.02,
             gradient_norm_max: 1.0,
             first_missions: 16,
-            steps_per_mission: 3,
+            steps_per_mission: 6,
             planning_operations: 150_000_000,
-            correction_operations: 1_000_000,
+            correction_operations: 5_000_000,
             own_flights_from: 1_000,
             disturbed_fraction: 0.6,
             disturbance: 0.35,
             architecture: Architecture::default(),
             uniform_fraction: 0.35,
+            high_noise_fraction: 0.2,
             scenario: None,
+            left_out_layouts: Vec::new(),
             held_out_missions: 60,
             evaluate_every: 1_000,
             report_every: 200,
@@ -123,20 +143,46 @@ impl ImitationSettings {
         }
     }
 
-    /// Returns the mission with a seed: that of the scenario, or one drawn at random.
+    /// Returns the mission with a seed: that of the scenario, or one drawn at random. Draws with a
+    /// layout that is left out are discarded, and the next one of the same seed is taken.
     ///
     /// # Errors
     /// Fails if the scenario is invalid, or if the seed gives no mission.
     pub fn mission(&self, seed: u64) -> anyhow::Result<HostMission> {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let scenario = match &self.scenario {
             Some(text) => Scenario::parse("scenario", text),
             None => {
-                let mut rng = Pcg64Mcg::seed_from_u64(seed);
-                let uniform = rng.random_bool(self.uniform_fraction);
-                random(seed, uniform.then_some(Layout::Uniform))
+                let left_out = &self.left_out_layouts;
+                let uniform =
+                    rng.random_bool(self.uniform_fraction) && !left_out.contains(&Layout::Uniform);
+                let layout = uniform.then_some(Layout::Uniform);
+                DrawnMission::new(seed, layout, left_out).map(|drawn| drawn.scenario)
             }
         };
-        Ok(scenario.map_err(|error| anyhow!(error))?.mission)
+        let mission = scenario.map_err(|error| anyhow!(error))?.mission;
+        if self.scenario.is_some() || !rng.random_bool(self.high_noise_fraction) {
+            return Ok(mission);
+        }
+        let mut parameters = mission.parameters().clone();
+        parameters.noise_power = Watt::from_dbm(rng.random_range(HIGH_NOISE_DBM));
+        // Rates at this noise may be too low everywhere to be worth a mission.
+        Ok(Mission::new(parameters).unwrap_or(mission))
+    }
+
+    /// Returns the distribution of the missions, for the provenance of the network.
+    pub fn distribution(&self) -> String {
+        if self.scenario.is_some() {
+            return "one".into();
+        }
+        let left_out = Layout::ALL
+            .into_iter()
+            .filter(|layout| self.left_out_layouts.contains(layout));
+        let names: Vec<&str> = left_out.map(Layout::name).collect();
+        match names.is_empty() {
+            true => RANDOM.into(),
+            false => format!("{RANDOM} without {}", names.join(", ")),
+        }
     }
 
     /// Returns the learning rate after `steps`, of which `fraction` (0 to 1) of the run consists: a
@@ -185,6 +231,18 @@ impl ImitationSettings {
             (
                 (0.0..=1.0).contains(&self.uniform_fraction),
                 "uniform_fraction must be 0 to 1",
+            ),
+            (
+                (0.0..=1.0).contains(&self.high_noise_fraction),
+                "high_noise_fraction must be 0 to 1",
+            ),
+            (
+                (Layout::ALL.iter()).any(|layout| !self.left_out_layouts.contains(layout)),
+                "left_out_layouts must leave at least one layout",
+            ),
+            (
+                self.left_out_layouts.is_empty() || self.scenario.is_none(),
+                "left_out_layouts must be empty if there is a scenario",
             ),
             (self.first_missions > 0, "first_missions must be above 0"),
             (

@@ -43,16 +43,13 @@ impl TrainedNetwork {
         parameters: Vec<f32>,
     ) -> anyhow::Result<Self> {
         let text = "a provenance is bounded";
-        let distribution = match settings.scenario {
-            Some(_) => "one",
-            None => "random",
-        };
+        let distribution = settings.distribution();
         Ok(Self {
             architecture: settings.architecture,
             parameters,
             provenance: SetsProvenance {
                 algorithm: algorithm.try_into().ok().context(text)?,
-                missions: distribution.try_into().ok().context(text)?,
+                missions: distribution.as_str().try_into().ok().context(text)?,
                 episodes: missions.try_into()?,
                 seed: settings.seed,
             },

@@ -132,8 +132,8 @@ impl Reinforcement {
         }
         settings.check().map_err(Error::msg)?;
         let networks = Networks::restored(&settings, saved.networks)?;
-        let restore = |(seed, examples, episode)| {
-            let demonstration = Demonstration::restored(&settings.imitation, seed, examples)?;
+        let restore = |(saved, episode)| {
+            let demonstration = Demonstration::restored(&settings.imitation, saved)?;
             anyhow::Ok((demonstration, episode))
         };
         let missions: anyhow::Result<Vec<_>> = saved.missions.into_iter().map(restore).collect();
@@ -177,7 +177,7 @@ impl Reinforcement {
         let settings = &self.settings.imitation;
         let held_out = match settings.scenario {
             Some(_) => HeldOut::of(settings.mission(0)?)?,
-            None => HeldOut::new(settings.held_out_missions)?,
+            None => HeldOut::new(settings.held_out_missions, &settings.left_out_layouts)?,
         };
         let arch = self.arch;
         record::run(self, &held_out, arch, show_progress)
@@ -372,10 +372,10 @@ impl Learning for Reinforcement {
     /// Waits for the missions that have been asked for, so that the run continues with the same ones.
     fn save(&mut self) -> anyhow::Result<()> {
         let (ready, next) = self.queue.settle()?;
-        let missions = self.memory.missions().map(|(demonstration, episode)| {
-            let Demonstration { seed, examples, .. } = demonstration;
-            (*seed, examples.clone(), episode.clone())
-        });
+        let missions = self
+            .memory
+            .missions()
+            .map(|(demonstration, episode)| (demonstration.saved(), episode.clone()));
         let saved = Saved {
             settings: self.settings.clone(),
             progress: self.record.progress(),

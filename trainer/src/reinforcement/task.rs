@@ -11,7 +11,7 @@ use scenario::{HostMission, PlaceRates};
 
 use crate::{
     imitation::{
-        demonstration::{Demonstration, Example, PlanSummary},
+        demonstration::{Demonstration, PlanSummary, SavedDemonstration},
         settings::ImitationSettings,
     },
     nn::sets::SetNetwork,
@@ -31,7 +31,7 @@ pub struct Task {
 }
 
 /// What a checkpoint has of a task.
-pub type SavedTask = (u64, Vec<Example>, PlanSummary);
+pub type SavedTask = (SavedDemonstration, PlanSummary);
 
 /// Returns the environment of a mission with prices, without value shaping.
 fn priced(mission: &HostMission, summary: &PlanSummary) -> Environment<f64> {
@@ -81,8 +81,7 @@ impl Task {
 
     /// Returns what a checkpoint needs to restore the task.
     pub fn saved(&self) -> SavedTask {
-        let Demonstration { seed, examples, .. } = &self.demonstration;
-        (*seed, examples.clone(), self.summary.clone())
+        (self.demonstration.saved(), self.summary.clone())
     }
 
     /// Restores a task.
@@ -91,9 +90,9 @@ impl Task {
     /// Fails if the seed gives no mission.
     pub fn restored(
         settings: &ImitationSettings,
-        (seed, examples, summary): SavedTask,
+        (demonstration, summary): SavedTask,
     ) -> anyhow::Result<Self> {
-        let demonstration = Demonstration::restored(settings, seed, examples)?;
+        let demonstration = Demonstration::restored(settings, demonstration)?;
         Ok(Self::new(demonstration, summary))
     }
 

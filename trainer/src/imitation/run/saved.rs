@@ -16,7 +16,7 @@ use crate::{
 
 /// The first bytes of a checkpoint.
 pub const MAGIC: [u8; 4] = *b"UAVI";
-const VERSION: u16 = 2;
+const VERSION: u16 = 4;
 
 /// Everything that the continuation depends on.
 #[derive(Debug, Serialize, Deserialize)]
@@ -28,10 +28,10 @@ pub(super) struct Saved {
     pub(super) seconds: f64,
     pub(super) adam: Adam,
     pub(super) rng: Pcg64Mcg,
-    /// Seeds and examples of the missions.
-    pub(super) demonstrations: Vec<(u64, Vec<Example>)>,
+    /// Seeds, weights and examples of the missions.
+    pub(super) demonstrations: Vec<(u64, f64, Vec<Example>)>,
     /// Those that have been made but not learned from.
-    pub(super) ready: Vec<(u64, Vec<Example>)>,
+    pub(super) ready: Vec<(u64, f64, Vec<Example>)>,
     pub(super) next: u64,
     pub(super) pilot: Option<Vec<f32>>,
     pub(super) rows: Vec<MetricsRow>,

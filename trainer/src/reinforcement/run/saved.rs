@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     checkpoint::{read_checked, write_checked},
-    imitation::{demonstration::Example, run::Summary, trained::TrainedNetwork},
+    imitation::{demonstration::SavedDemonstration, run::Summary, trained::TrainedNetwork},
     record::Progress,
     reinforcement::{
         episode::Episode, networks::SavedNetworks, settings::ReinforcementSettings, task::SavedTask,
@@ -30,8 +30,8 @@ pub struct Saved {
     pub networks: SavedNetworks,
     /// The random number generator.
     pub rng: Pcg64Mcg,
-    /// Seed, examples and flight of each mission in the memory.
-    pub missions: Vec<(u64, Vec<Example>, Episode)>,
+    /// Demonstration and flight of each mission in the memory.
+    pub missions: Vec<(SavedDemonstration, Episode)>,
     /// The number of missions flown.
     pub added: u64,
     /// The missions that have been prepared but not flown.
