@@ -3,7 +3,9 @@
 //! `sac` and `ddpg` are whole gradient steps (sampling, targets, critics, policy, temperatures,
 //! target networks) at Table I's sizes. `environment` is slots of the shipped mission `separated` with
 //! random actions. `sets` is the gradient of 256 states of the network for any mission, from planned
-//! missions to the sum, and `sets-inputs` the part of it that computes the inputs. Prints one line `WHAT NUMBER` with the number per second for each. With WHAT it
+//! missions to the sum, and `sets-inputs` the part of it that computes the inputs. `sets-sac` is a gradient
+//! step of 128 transitions of SAC for any mission (both critics, then the actor), and `sets-task` the
+//! preparation of a mission for it. Prints one line `WHAT NUMBER` with the number per second for each. With WHAT it
 //! measures only that one, in one round of STEPS, so that a script can alternate between programs.
 
 use std::{hint::black_box, ops::Range, time::Instant};
@@ -23,6 +25,14 @@ use trainer::{
     },
     learner::Learner,
     nn::sets::{BatchGradient, SetBatch, SetNetwork},
+    reinforcement::{
+        self,
+        episode::{Episode, Pilot},
+        memory::Memory,
+        networks::Networks,
+        settings::ReinforcementSettings,
+        task::Task,
+    },
     replay::{Replay, Transition},
     sac::Sac,
     settings::{Algorithm, Preset, TrainingSettings},
@@ -153,6 +163,40 @@ fn sets_inputs() -> Step {
     })
 }
 
+/// Returns the gradients of a step of SAC for any mission to be measured.
+fn sets_sac() -> Step {
+    let settings = ReinforcementSettings::improving();
+    let networks = Networks::new(&settings);
+    let mut rng = Pcg64Mcg::seed_from_u64(1);
+    let mut memory = Memory::new(8, Vec::new(), 0);
+    let mut prepare = Task::preparation(&settings.imitation);
+    let arch = pulp::Arch::new();
+    for index in 0..8 {
+        let task = prepare(index, None).expect("a mission");
+        let episode = Episode::fly(&task, Pilot::Random, arch, &mut rng).expect("flies");
+        memory.push(task.demonstration, episode);
+    }
+    let mut learner = reinforcement::learner::Learner::new(&networks, arch, 1);
+    let count = settings.imitation.batch;
+    let draw = |_| memory.draw(settings.alternative_fraction, &mut rng);
+    let transitions: Vec<_> = (0..count).map(draw).collect();
+    Box::new(move || {
+        black_box(learner.critics(&settings, &networks, &memory, &transitions));
+        black_box(learner.actor(&networks, count));
+    })
+}
+
+/// Returns the preparation of missions for SAC to be measured.
+fn sets_task() -> Step {
+    let settings = ReinforcementSettings::improving();
+    let mut prepare = Task::preparation(&settings.imitation);
+    let mut index = 0;
+    Box::new(move || {
+        index += 1;
+        black_box(prepare(index, None).expect("a mission"));
+    })
+}
+
 /// One step of a measured program.
 type Step = Box<dyn FnMut()>;
 
@@ -167,12 +211,14 @@ fn main() {
     let mut arguments = std::env::args().skip(1).filter(|a| !a.starts_with('-'));
     let only = arguments.next();
     let steps: Option<u32> = arguments.next().map(|text| text.parse().expect("STEPS"));
-    let measured: [Measured; 5] = [
+    let measured: [Measured; 7] = [
         ("sac", 1_000, learning::<Sac>),
         ("ddpg", 1_000, learning::<Ddpg>),
         ("environment", 100_000, flying),
         ("sets", 20, sets),
         ("sets-inputs", 60, sets_inputs),
+        ("sets-sac", 10, sets_sac),
+        ("sets-task", 20, sets_task),
     ];
     for (name, usual, make) in measured {
         if only.as_deref().is_some_and(|only| only != name) {

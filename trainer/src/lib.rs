@@ -7,7 +7,11 @@
 //! |---|---|
 //! | [`settings`] | all settings of a run, with the paper's values marked |
 //! | [`sac`], [`ddpg`] | the learning algorithms; [`head`] is SAC's hybrid action |
+//! | [`temperature`] | SAC's temperatures |
 //! | [`imitation`] | one policy for any mission, which imitates the planner |
+//! | [`reinforcement`] | the same policy, improved by SAC |
+//! | [`any_mission`] | the checkpoints of both |
+//! | [`record`] | what the runs for any mission have in common |
 //! | [`learner`] | the interface of a learning algorithm |
 //! | [`replay`] | the replay memory |
 //! | [`nn`] | layers, back-propagation, Adam |
@@ -19,6 +23,7 @@
 #![deny(missing_docs)]
 
 pub mod actor;
+pub mod any_mission;
 pub mod card;
 pub mod checkpoint;
 pub mod compare;
@@ -34,10 +39,13 @@ pub mod metrics;
 pub mod nn;
 pub mod onnx;
 mod progress_bar;
+pub mod record;
+pub mod reinforcement;
 pub mod replay;
 mod rollout;
 pub mod run;
 pub mod sac;
 pub mod settings;
+pub mod temperature;
 pub mod tensorboard;
 pub mod training;

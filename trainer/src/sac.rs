@@ -32,9 +32,10 @@ use crate::{
     actor::Dense,
     head::{self, DISPLACEMENT_ROWS, PolicySample, Temperatures},
     learner::{Learner, Losses, States, fill_normal},
-    nn::{Activations, Adam, Mlp, exp, padded},
+    nn::{Activations, Adam, Mlp, padded},
     replay::{Batch, Replay},
     settings::{Algorithm, TrainingSettings},
+    temperature::Temperature,
 };
 
 /// A network and the state of its optimizer.
@@ -54,30 +55,6 @@ impl Trained {
     fn descend(&mut self, arch: Arch, learning_rate: f32, gradient: &[f32]) {
         let parameters = self.network.parameters_mut();
         self.adam.step(arch, learning_rate, parameters, gradient);
-    }
-}
-
-/// A temperature `alpha`, learned through its logarithm so that it stays positive.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Temperature {
-    log_alpha: f32,
-    adam: Adam,
-}
-
-impl Temperature {
-    fn new(initial: f32) -> Self {
-        Self {
-            log_alpha: crate::nn::ln(initial),
-            adam: Adam::new(1),
-        }
-    }
-
-    /// Takes a gradient step. `surplus` is the entropy above its target; a positive surplus lowers
-    /// `alpha`.
-    fn descend(&mut self, arch: Arch, learning_rate: f32, surplus: f32) {
-        let gradient = exp(self.log_alpha) * surplus;
-        let log_alpha = std::slice::from_mut(&mut self.log_alpha);
-        self.adam.step(arch, learning_rate, log_alpha, &[gradient]);
     }
 }
 
@@ -229,8 +206,8 @@ impl Learner for Sac {
 impl Sac {
     fn temperatures(&self) -> Temperatures {
         Temperatures {
-            displacement: exp(self.state.displacement_temperature.log_alpha),
-            user: exp(self.state.user_temperature.log_alpha),
+            displacement: self.state.displacement_temperature.alpha(),
+            user: self.state.user_temperature.alpha(),
         }
     }
 

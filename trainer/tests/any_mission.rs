@@ -118,6 +118,94 @@ fn a_policy_is_trained_resumed_and_exported() {
     trainer(&["evaluate", "mixed.onnx", "--scenario", "mixed"], path).success();
 }
 
+const SAC_SETTINGS: &str = "
+random_missions = 1
+actor_frozen_steps = 2
+imitation_batch = 8
+critic_architecture = { width = 32, hidden = 32, layers = 1 }
+[imitation]
+batch = 8
+first_missions = 1
+planning_operations = 5000000
+correction_operations = 100000
+held_out_missions = 1
+evaluate_every = 4
+report_every = 2
+architecture = { width = 32, hidden = 32, layers = 1 }
+";
+
+/// SAC from an untrained network, resumed, exported, and from the exported network.
+#[test]
+fn a_policy_is_improved_by_sac() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path();
+    fs::write(path.join("small.toml"), SAC_SETTINGS).expect("written");
+    let train = [
+        "train",
+        "--missions",
+        "random",
+        "--algorithm",
+        "sac",
+        "--settings",
+        "small.toml",
+        "--quiet",
+    ];
+    let run = ["--seed", "3", "--steps", "4", "--out", "run"];
+    trainer(&[&train[..], &run].concat(), path).success();
+    let resume = [
+        "train", "--resume", "--out", "run", "--steps", "8", "--quiet",
+    ];
+    trainer(&resume, path).success();
+    let metrics = fs::read_to_string(path.join("run/metrics.csv")).expect("metrics");
+    assert_eq!(metrics.lines().count(), 5, "{metrics}");
+    for name in [
+        "losses/qf1_loss",
+        "charts/held_out_mean",
+        "charts/flown_fraction",
+    ] {
+        assert!(metrics.contains(name), "{metrics}");
+    }
+    let export = ["export", "run/checkpoint.bin", "--onnx", "any.onnx"];
+    trainer(&export, path).success();
+    trainer(&["evaluate", "any.onnx", "--scenario", "mixed"], path).success();
+    for (from, out) in [("any.onnx", "second"), ("run/checkpoint.bin", "third")] {
+        let run = ["--from", from, "--steps", "3", "--out", out];
+        trainer(&[&train[..], &run].concat(), path).success();
+    }
+}
+
+/// Options that do not go together are refused with what would.
+#[test]
+fn other_algorithms_are_refused() {
+    let directory = tempfile::tempdir().expect("a directory");
+    for (arguments, expected) in [
+        (
+            vec![
+                "--missions",
+                "random",
+                "--algorithm",
+                "ddpg",
+                "--steps",
+                "1",
+            ],
+            "--missions random takes --algorithm sac, or none for imitation",
+        ),
+        (
+            vec!["--scenario", "mixed", "--from", "new", "--algorithm", "sac"],
+            "--algorithm needs --missions random",
+        ),
+        (
+            vec!["--missions", "random", "--algorithm", "sac"],
+            "steps is 0 and minutes is 0",
+        ),
+    ] {
+        let arguments = [&["train", "--out", "run"][..], &arguments].concat();
+        let refused = trainer(&arguments, directory.path()).code(2);
+        let error = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
 #[test]
 fn a_duration_without_missions_is_refused() {
     let directory = tempfile::tempdir().expect("a directory");

@@ -148,6 +148,11 @@ impl<T: Scalar> Environment<T> {
         self
     }
 
+    /// Returns what serving each user earns besides the rate, bit/s/Hz.
+    pub fn prices(&self) -> &[f64] {
+        &self.prices
+    }
+
     /// Adds `V_n(q_n) - V_{n-1}(q_{n-1})` to the reward of slot `n`: potential-based shaping
     /// (Ng, Harada and Russell, 1999) without its discount. Over a mission the added terms sum to
     /// `-V_0(q_0)` for every sequence of actions, so all returns shift by the same amount. A

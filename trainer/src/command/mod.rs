@@ -2,6 +2,7 @@
 
 mod imitate;
 mod outcome;
+mod overlay;
 mod policies;
 mod runs;
 mod train;

@@ -31,9 +31,9 @@ use serde::Serialize;
 #[cfg(feature = "onnx")]
 use trainer::imitation::states::Difference;
 use trainer::{
-    checkpoint,
+    any_mission, checkpoint,
     evaluate::{Flight, fly},
-    imitation::{run::is_imitation, states::random_states, trained::TrainedNetwork},
+    imitation::states::random_states,
     onnx,
 };
 
@@ -59,7 +59,7 @@ pub(crate) struct Export {
 
 impl Export {
     pub(crate) fn execute(self) -> Outcome {
-        if self.policy.is_some() || is_imitation(&self.checkpoint) {
+        if self.policy.is_some() || any_mission::method(&self.checkpoint).is_some() {
             return self.export_for_any_mission();
         }
         let Some(onnx) = &self.onnx else {
@@ -76,7 +76,7 @@ impl Export {
             true => Precision::Single,
             false => Precision::Half,
         };
-        let network = TrainedNetwork::read(&self.checkpoint, self.latest);
+        let network = any_mission::read_network(&self.checkpoint, self.latest);
         let network = network.map_err(Failure::BadInput)?;
         if let Some(path) = &self.policy {
             let file = network.to_policy_file(precision);

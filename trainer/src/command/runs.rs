@@ -7,14 +7,10 @@ use clap::Args;
 use figures::document;
 use firmware_core::policy::sets::Precision;
 use trainer::{
-    card,
+    any_mission, card,
     compare::{Comparison, References},
     curves::{self, Curve},
-    imitation::{
-        self,
-        run::{Summary, is_imitation},
-        trained::TrainedNetwork,
-    },
+    imitation,
     metrics::{EVALUATION, SUM_RATE},
     onnx,
     run::{CHECKPOINT, Run},
@@ -49,9 +45,9 @@ impl Publish {
     fn files(&self) -> anyhow::Result<Vec<(&'static str, Vec<u8>)>> {
         let name = self.stem.file_name().unwrap_or_default().to_string_lossy();
         let checkpoint = self.run.join(CHECKPOINT);
-        if is_imitation(&checkpoint) {
-            let network = TrainedNetwork::read(&checkpoint, false)?;
-            let summary = Summary::read(&checkpoint)?;
+        if any_mission::method(&checkpoint).is_some() {
+            let network = any_mission::read_network(&checkpoint, false)?;
+            let summary = any_mission::read_summary(&checkpoint)?;
             let card = imitation::card::markdown(&name, &self.command, &network, &summary)?;
             return Ok(vec![
                 ("onnx", onnx::sets::write(&network, Precision::Half)?),

@@ -11,11 +11,12 @@ use clap::{Args, ValueEnum};
 use environment::{Allocation, Constraints};
 use files::input;
 use scenario::{Scenario, ScenarioChoice};
-use serde::{Serialize, de::DeserializeOwned};
 use trainer::{
+    any_mission,
     ddpg::Ddpg,
-    imitation::{run::is_imitation, settings::ImitationSettings},
+    imitation::settings::ImitationSettings,
     learner::Learner,
+    reinforcement::settings::ReinforcementSettings,
     run::{CHECKPOINT, POLICY, Run, has_run},
     sac::Sac,
     settings::{Algorithm, Preset, TrainingSettings},
@@ -25,21 +26,24 @@ use trainer::{
 use super::{
     imitate::ImitationOptions,
     outcome::{Failure, Outcome},
+    overlay::overlay,
 };
 
 #[derive(Debug, Args)]
 pub(crate) struct Train {
     #[command(flatten)]
     mission: ScenarioChoice,
-    /// Train one policy for any mission, on missions drawn at random, by imitation of the planner
+    /// Train one policy for any mission, on missions drawn at random, by imitation of the planner or,
+    /// with --algorithm sac, by SAC
     #[arg(long, value_enum, conflicts_with_all = [
-        "scenario", "mse_threshold", "noise_dbm", "slots", "algorithm", "preset", "episodes",
+        "scenario", "mse_threshold", "noise_dbm", "slots", "preset", "episodes",
         "discount", "inner", "constraints", "seeds", "resume",
     ])]
     missions: Option<Missions>,
     #[command(flatten)]
     imitation: ImitationOptions,
-    /// The learning algorithm [default: sac, or as in the settings file]
+    /// The learning algorithm [default: sac, or as in the settings file; with --missions random:
+    /// imitation of the planner]
     #[arg(long, value_enum)]
     algorithm: Option<Algorithm>,
     /// The preset that the settings start from
@@ -148,18 +152,31 @@ impl FromStr for Seeds {
 impl Train {
     pub(crate) fn execute(self) -> Outcome {
         if self.missions == Some(Missions::Random) || self.imitation.adapts() {
-            return self.imitate();
+            return match (self.missions, self.algorithm) {
+                (_, None) => self.imitate(),
+                (Some(Missions::Random), Some(Algorithm::Sac)) => self.reinforce(),
+                (Some(Missions::Random), Some(Algorithm::Ddpg)) => Err(Failure::BadInput(anyhow!(
+                    "--algorithm ddpg trains a policy for one mission: --missions random takes \
+                     --algorithm sac, or none for imitation"
+                ))),
+                (None, Some(_)) => Err(Failure::BadInput(anyhow!(
+                    "--from adapts a policy for any mission to one by imitation: --algorithm needs \
+                     --missions random"
+                ))),
+            };
         }
-        let imitation = |directory: &PathBuf| is_imitation(&directory.join(CHECKPOINT));
-        let continued = self.resume && self.out.as_ref().is_some_and(imitation);
-        if self.imitation.has_duration() && !continued {
+        let method = |directory: &PathBuf| any_mission::method(&directory.join(CHECKPOINT));
+        let continued = self.out.as_ref().filter(|_| self.resume).and_then(method);
+        if self.imitation.has_duration() && continued.is_none() {
             return Err(Failure::BadInput(anyhow!(
                 "--minutes and --steps are for --missions random and --from; otherwise --episodes says how long"
             )));
         }
-        match &self.out {
-            Some(directory) if continued => self.imitation.resume(directory, !self.quiet),
-            Some(directory) if self.resume => {
+        match (&self.out, continued) {
+            (Some(directory), Some(method)) => {
+                self.imitation.resume(method, directory, !self.quiet)
+            }
+            (Some(directory), None) if self.resume => {
                 let run = Run::open(directory).map_err(Failure::BadInput)?;
                 match run.progress.settings.algorithm {
                     Algorithm::Sac => self.resume::<Sac>(run.scenario, directory),
@@ -201,6 +218,30 @@ impl Train {
         };
         let (settings, directory) = prepare().map_err(Failure::BadInput)?;
         self.imitation.start(settings, &directory, !self.quiet)
+    }
+
+    /// Starts a run of SAC for any mission.
+    fn reinforce(&self) -> Outcome {
+        let prepare = || -> anyhow::Result<_> {
+            let mut settings = match self.imitation.improves() {
+                true => ReinforcementSettings::improving(),
+                false => ReinforcementSettings::from_new(),
+            };
+            if let Some((path, table)) = self.settings_file()? {
+                settings = overlay(&settings, table).with_context(|| path.display().to_string())?;
+            }
+            let run = &mut settings.imitation;
+            run.seed = self.seed.unwrap_or(run.seed);
+            run.learning_rate = self.learning_rate.unwrap_or(run.learning_rate);
+            let directory = self.out.clone();
+            let directory = directory
+                .unwrap_or_else(|| PathBuf::from("out").join(format!("any-sac-{}", run.seed)));
+            self.check_directory(&directory)?;
+            Ok((settings, directory))
+        };
+        let (settings, directory) = prepare().map_err(Failure::BadInput)?;
+        self.imitation
+            .start_reinforcement(settings, &directory, !self.quiet)
     }
 
     fn resume<L: Learner>(&self, scenario: Scenario, directory: &Path) -> Outcome {
@@ -340,14 +381,4 @@ impl Train {
         }
         Ok(settings)
     }
-}
-
-/// Returns the settings with the values that a table contains replaced.
-fn overlay<S: Serialize + DeserializeOwned>(
-    settings: &S,
-    changes: toml::Table,
-) -> anyhow::Result<S> {
-    let mut table = toml::Table::try_from(settings)?;
-    table.extend(changes);
-    Ok(table.try_into()?)
 }

@@ -57,6 +57,18 @@ pub struct Demonstration {
     pub examples: Vec<Example>,
 }
 
+/// What a checkpoint has of a demonstration: seed, weight and examples.
+pub type SavedDemonstration = (u64, f64, Vec<Example>);
+
+/// What the planner knows about a whole mission.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlanSummary {
+    /// The prices of fairness, one per user, bit/s/Hz.
+    pub prices: Vec<f64>,
+    /// The sum of the rates of the plan, bit/s/Hz.
+    pub total: f64,
+}
+
 /// Returns the seed of a run's mission, for run seeds below 2^32 - 1 ([`ImitationSettings::check`])
 /// and fewer than 2^32 missions. The benchmark's and the held-out missions have seeds below 2^32.
 pub fn mission_seed(run_seed: u64, index: u64) -> u64 {
@@ -93,13 +105,29 @@ impl Demonstration {
         network: Option<&SetNetwork>,
         plan: Option<&HostPlanner>,
     ) -> anyhow::Result<Self> {
+        Self::with_summary(settings, index, network, plan).map(|(demonstration, _)| demonstration)
+    }
+
+    /// Like [`Demonstration::new`], and returns what the planner knew before the flight.
+    ///
+    /// # Errors
+    /// Fails if the seed gives no mission.
+    pub fn with_summary(
+        settings: &ImitationSettings,
+        index: u64,
+        network: Option<&SetNetwork>,
+        plan: Option<&HostPlanner>,
+    ) -> anyhow::Result<(Self, PlanSummary)> {
         let seed = mission_seed(settings.seed, index);
         let mission = settings.mission(seed)?;
         let mut planner = match plan {
             Some(plan) => plan.clone(),
             None => planned(&mission, settings.planning_operations)?,
         };
-        let total = planner.value();
+        let summary = PlanSummary {
+            prices: planner.prices().to_vec(),
+            total: planner.value(),
+        };
         let mut examples = plan_examples(&mission, &mut planner);
         planner = planner.with_operations_per_slot(settings.correction_operations);
         let mut flight = Flight {
@@ -112,15 +140,38 @@ impl Demonstration {
         let flown = fly(&mission, &mut flight, Allocation::default())?;
         examples.append(&mut flight.examples);
         let weight = match network {
-            Some(_) if total > TOTAL_MIN => weight(1.0 - flown.sum_rate / total),
+            Some(_) if summary.total > TOTAL_MIN => weight(1.0 - flown.sum_rate / summary.total),
             _ => 1.0,
         };
-        Ok(Self {
+        let demonstration = Self {
             seed,
             mission,
             weight,
             examples,
-        })
+        };
+        Ok((demonstration, summary))
+    }
+
+    /// Returns a function that prepares demonstrations by index. It plans the mission of a run that
+    /// has only one before the first.
+    pub fn preparation(
+        settings: &ImitationSettings,
+    ) -> impl FnMut(u64, Option<&SetNetwork>) -> anyhow::Result<(Self, PlanSummary)> + Send + use<>
+    {
+        let settings = settings.clone();
+        let mut only_plan = None;
+        move |index, network| {
+            if settings.scenario.is_some() && only_plan.is_none() {
+                let mission = settings.mission(0)?;
+                only_plan = Some(planned(&mission, settings.planning_operations)?);
+            }
+            Self::with_summary(&settings, index, network, only_plan.as_ref())
+        }
+    }
+
+    /// Returns what a checkpoint needs to restore the demonstration.
+    pub fn saved(&self) -> SavedDemonstration {
+        (self.seed, self.weight, self.examples.clone())
     }
 
     /// Restores a demonstration of a run from its seed, weight and examples.
@@ -129,7 +180,7 @@ impl Demonstration {
     /// Fails if the seed gives no mission.
     pub fn restored(
         settings: &ImitationSettings,
-        (seed, weight, examples): (u64, f64, Vec<Example>),
+        (seed, weight, examples): SavedDemonstration,
     ) -> anyhow::Result<Self> {
         Ok(Self {
             seed,

@@ -9,7 +9,7 @@
 //! | [`settings`] | all settings of a run |
 //! | [`card`] | the model card |
 //! | [`demonstration`] | a planned mission as examples |
-//! | [`demonstrations`] | demonstrations from threads in the background, in an order that depends on nothing else |
+//! | [`mission_queue`] | missions from threads in the background, in an order that depends on nothing else |
 //! | [`symmetry`] | reflections of a mission |
 //! | [`encoder`] | a state as inputs of the network |
 //! | [`sample`] | an example as inputs and label, reflected and disturbed |
@@ -22,10 +22,10 @@
 
 pub mod card;
 pub mod demonstration;
-pub mod demonstrations;
 pub mod encoder;
 pub mod held_out;
 pub mod loss;
+pub mod mission_queue;
 pub mod policy;
 pub mod run;
 pub mod sample;

@@ -82,6 +82,21 @@ pub struct ImitationSettings {
     pub report_every: u64,
 }
 
+/// How long a run is, and how often it reports.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Schedule {
+    /// The number of gradient steps, or 0.
+    pub steps: u64,
+    /// The duration, minutes, without a number of steps.
+    pub minutes: f64,
+    /// Number of steps between rows of the metrics.
+    pub report_every: u64,
+    /// Number of steps between evaluations.
+    pub evaluate_every: u64,
+    /// Number of states of a gradient step.
+    pub batch: usize,
+}
+
 impl Default for ImitationSettings {
     fn default() -> Self {
         Self {
@@ -176,6 +191,17 @@ impl ImitationSettings {
         let rise = ((steps + 1) as f32 / self.warmup_steps.max(1) as f32).min(1.0);
         let fall = 0.5 * (1.0 + libm::cos(std::f64::consts::PI * fraction.clamp(0.0, 1.0)));
         self.learning_rate * rise * self.final_rate_fraction.max(fall as f32)
+    }
+
+    /// Returns the length of the run, and how often it reports.
+    pub fn schedule(&self) -> Schedule {
+        Schedule {
+            steps: self.steps,
+            minutes: self.minutes,
+            report_every: self.report_every,
+            evaluate_every: self.evaluate_every,
+            batch: self.batch,
+        }
     }
 
     /// Checks that the settings make a run.

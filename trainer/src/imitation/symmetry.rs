@@ -38,6 +38,16 @@ impl Symmetry {
         }
     }
 
+    /// Returns the image of a displacement.
+    pub fn displacement(self, [east, north]: [f32; 2]) -> [f32; 2] {
+        let east = if self.flip_east { -east } else { east };
+        let north = if self.flip_north { -north } else { north };
+        match self.transpose {
+            true => [north, east],
+            false => [east, north],
+        }
+    }
+
     /// Returns the image of a mission without a gain map.
     pub fn mission(self, mission: &HostMission) -> HostMission {
         let mut parameters = mission.parameters().clone();

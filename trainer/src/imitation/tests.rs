@@ -19,15 +19,18 @@ use super::{
     held_out::{FIRST_SEED, HeldOut},
     loss,
     policy::SetPolicy,
-    run::{Imitation, Threads},
+    run::Imitation,
     sample::{Labels, Sample},
     settings::{HIGH_NOISE_DBM, ImitationSettings},
     symmetry::Symmetry,
     trained::TrainedNetwork,
 };
-use crate::nn::sets::{
-    Activations, Architecture, SetBatch, SetNetwork,
-    heads::{OutputGradients, Outputs},
+use crate::{
+    nn::sets::{
+        Activations, Architecture, SetBatch, SetNetwork,
+        heads::{OutputGradients, Outputs},
+    },
+    record::Threads,
 };
 
 fn quick() -> ImitationSettings {
@@ -409,7 +412,8 @@ fn a_network_is_adapted_to_one_mission() {
     let mut run = Imitation::resume(path.clone(), Some(120), None, threads).expect("resumes");
     let best = run.run(false).expect("runs").expect("evaluated");
     assert!(best >= first && best > 0.8, "{first} {best}");
-    let network = TrainedNetwork::read(&path.join("checkpoint.bin"), false).expect("saved");
+    let network =
+        crate::any_mission::read_network(&path.join("checkpoint.bin"), false).expect("saved");
     assert_eq!(network.provenance.missions, "one");
     let unknown = ImitationSettings {
         scenario: Some("slots = 3".into()),

@@ -1,7 +1,7 @@
 //! A trained network with its origin, and the `.policy` file that flies
 //! ([`firmware_core::policy::sets`]).
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use firmware_core::{
     inner::Workspace,
     policy::{
@@ -14,7 +14,7 @@ use firmware_core::{
 };
 use scenario::random;
 
-use super::held_out::FIRST_SEED;
+use super::{held_out::FIRST_SEED, settings::ImitationSettings};
 use crate::nn::sets::Architecture;
 
 /// More bytes than header and test vector of a file have.
@@ -32,6 +32,30 @@ pub struct TrainedNetwork {
 }
 
 impl TrainedNetwork {
+    /// Returns a network of a run that has learned from so many missions.
+    ///
+    /// # Errors
+    /// Fails if the run has learned from more missions than a provenance can count.
+    pub fn of_run(
+        settings: &ImitationSettings,
+        algorithm: &str,
+        missions: u64,
+        parameters: Vec<f32>,
+    ) -> anyhow::Result<Self> {
+        let text = "a provenance is bounded";
+        let distribution = settings.distribution();
+        Ok(Self {
+            architecture: settings.architecture,
+            parameters,
+            provenance: SetsProvenance {
+                algorithm: algorithm.try_into().ok().context(text)?,
+                missions: distribution.as_str().try_into().ok().context(text)?,
+                episodes: missions.try_into()?,
+                seed: settings.seed,
+            },
+        })
+    }
+
     /// Returns the bytes of a `.policy` file. Its test vector is the start of a held-out mission.
     ///
     /// # Errors

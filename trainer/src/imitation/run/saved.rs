@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use anyhow::Context;
-use firmware_core::policy::sets::SetsProvenance;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
@@ -12,21 +11,12 @@ use crate::{
     imitation::{demonstration::Example, settings::ImitationSettings, trained::TrainedNetwork},
     metrics::MetricsRow,
     nn::Adam,
+    record::Best,
 };
 
-const MAGIC: [u8; 4] = *b"UAVI";
+/// The first bytes of a checkpoint.
+pub const MAGIC: [u8; 4] = *b"UAVI";
 const VERSION: u16 = 4;
-
-/// The best network so far.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Best {
-    /// Its mean fraction of the planner's totals.
-    pub(super) mean: f64,
-    /// The step after which it was evaluated.
-    pub(super) step: u64,
-    /// Its parameters, in the order of the file.
-    pub(super) parameters: Vec<f32>,
-}
 
 /// Everything that the continuation depends on.
 #[derive(Debug, Serialize, Deserialize)]
@@ -61,33 +51,32 @@ impl Saved {
     }
 }
 
-/// Returns whether a file is the checkpoint of an imitation.
-pub fn is_imitation(path: &Path) -> bool {
-    std::fs::read(path).is_ok_and(|bytes| bytes.starts_with(&MAGIC))
+/// Reads the best network of a checkpoint, or the latest one if none has been evaluated or `latest`
+/// asks for it.
+///
+/// # Errors
+/// Fails if the file is no valid checkpoint of an imitation.
+pub fn read_network(path: &Path, latest: bool) -> anyhow::Result<TrainedNetwork> {
+    let saved = Saved::read(path)?;
+    let best = saved.best.filter(|_| !latest);
+    let missions = saved.demonstrations.len() as u64;
+    let parameters = best.map_or(saved.parameters, |best| best.parameters);
+    TrainedNetwork::of_run(&saved.settings, "imitation", missions, parameters)
 }
 
-impl TrainedNetwork {
-    /// Reads the best network of a checkpoint, or the latest one if none has been evaluated or
-    /// `latest` asks for it.
-    ///
-    /// # Errors
-    /// Fails if the file is no valid checkpoint of an imitation.
-    pub fn read(path: &Path, latest: bool) -> anyhow::Result<Self> {
-        let saved = Saved::read(path)?;
-        let best = saved.best.filter(|_| !latest);
-        let text = "a provenance is bounded";
-        let missions = saved.settings.distribution();
-        Ok(Self {
-            architecture: saved.settings.architecture,
-            parameters: best.map_or(saved.parameters, |best| best.parameters),
-            provenance: SetsProvenance {
-                algorithm: "imitation".try_into().ok().context(text)?,
-                missions: missions.as_str().try_into().ok().context(text)?,
-                episodes: saved.demonstrations.len().try_into()?,
-                seed: saved.settings.seed,
-            },
-        })
-    }
+/// Reads what a run did until it was saved.
+///
+/// # Errors
+/// Fails if the file is no valid checkpoint of an imitation.
+pub fn read_summary(path: &Path) -> anyhow::Result<Summary> {
+    let saved = Saved::read(path)?;
+    Ok(Summary {
+        steps: saved.step,
+        batch: saved.settings.batch,
+        minutes: saved.seconds / 60.0,
+        best_step: saved.best.map_or(0, |best| best.step),
+        rows: saved.rows,
+    })
 }
 
 /// What a run did until it was saved.
@@ -103,21 +92,4 @@ pub struct Summary {
     pub best_step: u64,
     /// The metrics.
     pub rows: Vec<MetricsRow>,
-}
-
-impl Summary {
-    /// Reads the summary from a checkpoint.
-    ///
-    /// # Errors
-    /// Fails if the file is no valid checkpoint of an imitation.
-    pub fn read(path: &Path) -> anyhow::Result<Self> {
-        let saved = Saved::read(path)?;
-        Ok(Self {
-            steps: saved.step,
-            batch: saved.settings.batch,
-            minutes: saved.seconds / 60.0,
-            best_step: saved.best.map_or(0, |best| best.step),
-            rows: saved.rows,
-        })
-    }
 }

@@ -7,11 +7,44 @@ use super::{
     forward::{Activations, BlockActivations, Hidden},
     functions::{add, multiply},
     heads::OutputGradients,
-    layout::{Block, Linear},
+    layout::{Block, Layout, Linear},
     linear,
     network::SetNetwork,
+    norm::Norm,
     pool, resize,
 };
+
+/// Where the gradient of the parameters is added, if it is wanted.
+struct ParameterGradient<'a>(Option<&'a mut [f32]>);
+
+impl ParameterGradient<'_> {
+    /// Adds the gradient of a linear layer with the inputs `x`, from that of its outputs.
+    fn add_linear(&mut self, arch: Arch, linear: &Linear, rows: usize, x: &[f32], dy: &[f32]) {
+        if let Some(gradient) = &mut self.0 {
+            linear::backward_parameters(arch, linear, rows, x, dy, gradient);
+        }
+    }
+
+    /// Back-propagates through a norm whose scales start at `start`, and adds their gradient.
+    fn add_norm(
+        &mut self,
+        arch: Arch,
+        (network, norm): (&SetNetwork, &Norm),
+        start: usize,
+        dy: &[f32],
+        dx: &mut [f32],
+    ) {
+        let scales = network.scales(start);
+        let rows = dy.len() / scales.len();
+        match &mut self.0 {
+            Some(gradient) => {
+                let d_scales = &mut gradient[start..start + scales.len()];
+                norm.backward(arch, scales, rows, dy, d_scales, dx);
+            }
+            None => norm.backward(arch, scales, rows, dy, &mut vec![0.0; scales.len()], dx),
+        }
+    }
+}
 
 /// The buffers of a backward pass.
 #[derive(Clone, Debug, Default)]
@@ -23,6 +56,8 @@ pub struct Gradients {
     hidden: Vec<f32>,
     qkv: Vec<f32>,
     mission: Vec<f32>,
+    /// Of the inputs of the mission's layer: features and pooled sensors.
+    inputs: Vec<f32>,
     sensors: Vec<f32>,
 }
 
@@ -38,23 +73,55 @@ impl Gradients {
         outputs: &OutputGradients,
         gradient: &mut [f32],
     ) {
+        let mut gradient = ParameterGradient(Some(gradient));
+        self.pass(arch, network, batch, activations, outputs, &mut gradient);
+        self.embedding(arch, network, batch, activations, &mut gradient);
+    }
+
+    /// Like [`backward`](Self::backward), but computes only the gradient of the features of the
+    /// missions, which [`mission`](Self::mission) returns.
+    pub fn backward_to_missions(
+        &mut self,
+        arch: Arch,
+        network: &SetNetwork,
+        batch: &SetBatch,
+        activations: &mut Activations,
+        outputs: &OutputGradients,
+    ) {
+        let mut gradient = ParameterGradient(None);
+        self.pass(arch, network, batch, activations, outputs, &mut gradient);
+        self.missions(arch, network, batch, activations, &mut gradient);
+    }
+
+    /// Returns the gradient of the features of the mission of a state, as the last pass computed it.
+    pub fn mission(&self, layout: &Layout, state: usize) -> &[f32] {
+        let start = state * layout.mission.stride();
+        &self.inputs[start..start + layout.features.mission]
+    }
+
+    /// Back-propagates to the first tokens.
+    fn pass(
+        &mut self,
+        arch: Arch,
+        network: &SetNetwork,
+        batch: &SetBatch,
+        activations: &mut Activations,
+        outputs: &OutputGradients,
+        gradient: &mut ParameterGradient<'_>,
+    ) {
         let layout = network.layout();
-        let rows = batch.tokens();
-        let len = rows * layout.architecture.width;
+        let len = batch.tokens() * layout.architecture.width;
         self.heads(arch, network, batch, activations, outputs, gradient);
         // `normalized` now has the gradient of the final tokens.
         let tokens = resize(&mut self.tokens, len);
         tokens.fill(0.0);
-        let start = layout.final_norm;
-        let scales = network.scales(start);
-        let d_scales = &mut gradient[start..start + scales.len()];
-        let norm = &activations.final_norm;
-        norm.backward(arch, scales, rows, &self.normalized, d_scales, tokens);
+        let norm = (network, &activations.final_norm);
+        let d_normalized = &self.normalized[..len];
+        gradient.add_norm(arch, norm, layout.final_norm, d_normalized, tokens);
         let blocks = layout.blocks.iter().zip(&activations.blocks);
         for (block, buffers) in blocks.rev() {
             self.block(arch, network, batch, (block, buffers), gradient);
         }
-        self.embedding(arch, network, batch, activations, gradient);
     }
 
     /// Computes the gradient of the final tokens.
@@ -65,7 +132,7 @@ impl Gradients {
         batch: &SetBatch,
         activations: &mut Activations,
         outputs: &OutputGradients,
-        gradient: &mut [f32],
+        gradient: &mut ParameterGradient<'_>,
     ) {
         let layout = network.layout();
         let width = layout.architecture.width;
@@ -73,32 +140,36 @@ impl Gradients {
         let mut displacement = std::mem::take(&mut activations.displacement);
         let mut scored = std::mem::take(&mut activations.users);
         let forward = activations.outputs();
-        forward.backward(batch, outputs, &mut displacement, &mut scored);
+        match layout.displacement {
+            Some(_) => forward.backward(batch, outputs, &mut displacement, &mut scored),
+            None => forward.backward_values(outputs, &mut scored),
+        }
 
-        let linears = [&layout.displacement_in, &layout.displacement_out];
-        let hidden = &activations.displacement_hidden;
-        self.two_layers(arch, network, linears, (states, hidden), &displacement);
-        let (inputs, d_hidden) = (&activations.mission_tokens, &self.hidden);
-        let [first, second] = linears;
-        linear::backward_parameters(
-            arch,
-            second,
-            states,
-            &hidden.values,
-            &displacement,
-            gradient,
-        );
-        linear::backward_parameters(arch, first, states, inputs, d_hidden, gradient);
         let d_mission = resize(&mut self.mission, states * width);
-        linear::backward_inputs(arch, network, first, states, d_hidden, d_mission, false);
+        d_mission.fill(0.0);
+        if let Some([first, second]) = &layout.displacement {
+            let hidden = &activations.displacement_hidden;
+            self.two_layers(
+                arch,
+                network,
+                [first, second],
+                (states, hidden),
+                &displacement,
+            );
+            let (inputs, d_hidden) = (&activations.mission_tokens, &self.hidden);
+            gradient.add_linear(arch, second, states, &hidden.values, &displacement);
+            gradient.add_linear(arch, first, states, inputs, d_hidden);
+            let d_mission = &mut self.mission;
+            linear::backward_inputs(arch, network, first, states, d_hidden, d_mission, false);
+        }
 
         let linears = [&layout.user_in, &layout.user_out];
         let hidden = &activations.user_hidden;
         self.two_layers(arch, network, linears, (users, hidden), &scored);
         let (inputs, d_hidden) = (&activations.user_tokens, &self.hidden);
         let [first, second] = linears;
-        linear::backward_parameters(arch, second, users, &hidden.values, &scored, gradient);
-        linear::backward_parameters(arch, first, users, inputs, d_hidden, gradient);
+        gradient.add_linear(arch, second, users, &hidden.values, &scored);
+        gradient.add_linear(arch, first, users, inputs, d_hidden);
         let d_users = resize(&mut self.qkv, users * 2 * width);
         linear::backward_inputs(arch, network, first, users, d_hidden, d_users, false);
 
@@ -139,7 +210,7 @@ impl Gradients {
         network: &SetNetwork,
         batch: &SetBatch,
         (block, buffers): (&Block, &BlockActivations),
-        gradient: &mut [f32],
+        gradient: &mut ParameterGradient<'_>,
     ) {
         let width = network.layout().architecture.width;
         let rows = batch.tokens();
@@ -157,9 +228,8 @@ impl Gradients {
         let linears = [&block.up, &block.down];
         self.two_layers(arch, network, linears, (rows, hidden), &tokens);
         let (values, d_hidden) = (&hidden.values, &self.hidden);
-        linear::backward_parameters(arch, &block.down, rows, values, &tokens, gradient);
-        let inputs = &hidden_norm.output;
-        linear::backward_parameters(arch, &block.up, rows, inputs, d_hidden, gradient);
+        gradient.add_linear(arch, &block.down, rows, values, &tokens);
+        gradient.add_linear(arch, &block.up, rows, &hidden_norm.output, d_hidden);
         let d_normalized = resize(&mut self.normalized, len);
         linear::backward_inputs(
             arch,
@@ -170,23 +240,51 @@ impl Gradients {
             d_normalized,
             false,
         );
-        let scales = network.scales(block.hidden_norm);
-        let d_scales = &mut gradient[block.hidden_norm..block.hidden_norm + width];
-        hidden_norm.backward(arch, scales, rows, d_normalized, d_scales, &mut tokens);
+        let norm = (network, hidden_norm);
+        gradient.add_norm(
+            arch,
+            norm,
+            block.hidden_norm,
+            d_normalized,
+            &mut tokens[..len],
+        );
 
-        linear::backward_parameters(arch, &block.mix, rows, attended, &tokens, gradient);
+        gradient.add_linear(arch, &block.mix, rows, attended, &tokens);
         let d_attended = d_normalized;
         linear::backward_inputs(arch, network, &block.mix, rows, &tokens, d_attended, false);
         let d_qkv = resize(&mut self.qkv, 3 * len);
         attention.backward(arch, batch, width, qkv, d_attended, d_qkv);
-        let inputs = &attention_norm.output;
-        linear::backward_parameters(arch, &block.qkv, rows, inputs, d_qkv, gradient);
+        gradient.add_linear(arch, &block.qkv, rows, &attention_norm.output, d_qkv);
         let d_normalized = d_attended;
         linear::backward_inputs(arch, network, &block.qkv, rows, d_qkv, d_normalized, false);
-        let scales = network.scales(block.attention_norm);
-        let d_scales = &mut gradient[block.attention_norm..block.attention_norm + width];
-        attention_norm.backward(arch, scales, rows, d_normalized, d_scales, &mut tokens);
+        let norm = (network, attention_norm);
+        let start = block.attention_norm;
+        gradient.add_norm(arch, norm, start, d_normalized, &mut tokens[..len]);
         self.tokens = tokens;
+    }
+
+    /// Back-propagates the gradient of the missions' first tokens to their features and the pooled
+    /// sensors.
+    fn missions(
+        &mut self,
+        arch: Arch,
+        network: &SetNetwork,
+        batch: &SetBatch,
+        activations: &Activations,
+        gradient: &mut ParameterGradient<'_>,
+    ) {
+        let layout = network.layout();
+        let width = layout.architecture.width;
+        let states = batch.len();
+        let d_missions = resize(&mut self.mission, states * width);
+        for (state, row) in d_missions.chunks_exact_mut(width).enumerate() {
+            let start = batch.tokens_of(state).start * width;
+            row.copy_from_slice(&self.tokens[start..start + width]);
+        }
+        let mission = &layout.mission;
+        gradient.add_linear(arch, mission, states, &activations.mission, d_missions);
+        let d_inputs = resize(&mut self.inputs, states * mission.stride());
+        linear::backward_inputs(arch, network, mission, states, d_missions, d_inputs, false);
     }
 
     /// Back-propagates the gradient of the first tokens to the parameters that computed them.
@@ -196,29 +294,23 @@ impl Gradients {
         network: &SetNetwork,
         batch: &SetBatch,
         activations: &Activations,
-        gradient: &mut [f32],
+        gradient: &mut ParameterGradient<'_>,
     ) {
         let layout = network.layout();
         let width = layout.architecture.width;
         let (states, users, sensors) = (batch.len(), batch.users(), batch.sensors());
+        self.missions(arch, network, batch, activations, gradient);
         let d_users = resize(&mut self.normalized, users * width);
-        let d_missions = resize(&mut self.mission, states * width);
         for state in 0..states {
             let (to, from) = (batch.users_of(state), batch.tokens_of(state));
-            let tokens = &self.tokens[from.start * width..from.end * width];
-            let (mission, users) = tokens.split_at(width);
-            d_missions[state * width..(state + 1) * width].copy_from_slice(mission);
+            let users = &self.tokens[(from.start + 1) * width..from.end * width];
             d_users[to.start * width..to.end * width].copy_from_slice(users);
         }
-        linear::backward_parameters(arch, &layout.user, users, &batch.users, d_users, gradient);
-        let mission = &layout.mission;
-        let inputs = &activations.mission;
-        linear::backward_parameters(arch, mission, states, inputs, d_missions, gradient);
-        let d_inputs = resize(&mut self.qkv, states * mission.stride());
-        linear::backward_inputs(arch, network, mission, states, d_missions, d_inputs, false);
+        gradient.add_linear(arch, &layout.user, users, &batch.users, d_users);
 
         let d_sensors = resize(&mut self.sensors, sensors * width);
-        let pooled = (&d_inputs[..], mission.stride(), layout.features.mission);
+        let mission = &layout.mission;
+        let pooled = (&self.inputs[..], mission.stride(), layout.features.mission);
         let largest = &activations.largest;
         pool::backward(arch, batch, width, pooled, largest, d_sensors);
         let linears = [&layout.sensor_in, &layout.sensor_out];
@@ -227,9 +319,8 @@ impl Gradients {
         self.two_layers(arch, network, linears, (sensors, hidden), &d_sensors);
         let [first, second] = linears;
         let (values, d_hidden) = (&hidden.values, &self.hidden);
-        linear::backward_parameters(arch, second, sensors, values, &d_sensors, gradient);
-        let inputs = &batch.sensors;
-        linear::backward_parameters(arch, first, sensors, inputs, d_hidden, gradient);
+        gradient.add_linear(arch, second, sensors, values, &d_sensors);
+        gradient.add_linear(arch, first, sensors, &batch.sensors, d_hidden);
         self.sensors = d_sensors;
     }
 }

@@ -86,6 +86,31 @@ impl SetBatch {
         self.first_sensor.push(sensors);
     }
 
+    /// Replaces the content by the states of another batch, with `more` features of each mission after
+    /// its own.
+    ///
+    /// # Panics
+    /// If the numbers of features or states do not fit.
+    pub fn extend_missions<const N: usize>(&mut self, other: &Self, more: &[[f32; N]]) {
+        let features = other.features;
+        let extended = FeatureSizes {
+            mission: features.mission + N,
+            ..features
+        };
+        assert_eq!((self.features, other.len()), (extended, more.len()));
+        self.clear();
+        for (row, more) in other.mission.chunks_exact(features.mission).zip(more) {
+            self.mission.extend_from_slice(row);
+            self.mission.extend_from_slice(more);
+        }
+        self.users.extend_from_slice(&other.users);
+        self.sensors.extend_from_slice(&other.sensors);
+        self.to_users.extend_from_slice(&other.to_users);
+        self.to_destination.extend_from_slice(&other.to_destination);
+        self.first_user.clone_from(&other.first_user);
+        self.first_sensor.clone_from(&other.first_sensor);
+    }
+
     /// Returns the number of states.
     pub fn len(&self) -> usize {
         self.to_destination.len()

@@ -1,6 +1,6 @@
 //! The gradient of a large batch, on threads, with a result that does not depend on their number.
 
-use std::{ops::Range, thread};
+use std::ops::Range;
 
 use pulp::Arch;
 
@@ -11,10 +11,8 @@ use super::{
     functions::add,
     heads::{OutputGradients, Outputs},
     network::SetNetwork,
+    parts::{CHUNK, PARTS, for_each_part, part_of},
 };
-
-/// Number of parts of a batch. Each has a gradient of its own; they are added in order.
-pub const PARTS: usize = 4;
 
 /// One part of a batch, with all that it needs to compute its gradient.
 #[derive(Clone, Debug)]
@@ -35,10 +33,6 @@ pub struct BatchGradient {
 }
 
 impl BatchGradient {
-    /// Number of states that are computed together: their activations fit into a second-level
-    /// cache of 2 MiB, layer by layer.
-    pub const CHUNK: usize = 16;
-
     /// Creates buffers for a network; computes on up to `threads` threads.
     pub fn new(network: &SetNetwork, threads: usize) -> Self {
         let layout = network.layout();
@@ -74,14 +68,12 @@ impl BatchGradient {
         F: Fn(Range<usize>, &mut SetBatch) -> T + Sync,
         L: Fn(&T, &SetBatch, &Outputs, &mut OutputGradients, &mut Vec<f64>) + Sync,
     {
-        let share = states.div_ceil(PARTS);
         let compute = |index: usize, part: &mut PartOfBatch| {
             part.gradient.fill(0.0);
             part.losses.clear();
-            let end = ((index + 1) * share).min(states);
-            let mut start = (index * share).min(end);
+            let Range { mut start, end } = part_of(index, states);
             while start < end {
-                let range = start..(start + Self::CHUNK).min(end);
+                let range = start..(start + CHUNK).min(end);
                 part.batch.clear();
                 let labels = fill(range.clone(), &mut part.batch);
                 part.activations.forward(arch, network, &part.batch);
@@ -103,22 +95,7 @@ impl BatchGradient {
                 start = range.end;
             }
         };
-        let compute = &compute;
-        let per_thread = PARTS.div_ceil(self.threads);
-        thread::scope(|scope| {
-            let mut groups = self.parts.chunks_mut(per_thread).enumerate();
-            let first = groups.next();
-            for (group, parts) in groups {
-                scope.spawn(move || {
-                    for (index, part) in parts.iter_mut().enumerate() {
-                        compute(group * per_thread + index, part);
-                    }
-                });
-            }
-            for (index, part) in first.into_iter().flat_map(|(_, parts)| parts).enumerate() {
-                compute(index, part);
-            }
-        });
+        for_each_part(&mut self.parts, self.threads, compute);
         let (sum, others) = self.parts.split_at_mut(1);
         let (sum, others) = (&mut sum[0], &*others);
         let mut losses = std::mem::take(&mut sum.losses);

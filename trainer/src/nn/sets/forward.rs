@@ -183,18 +183,20 @@ impl Activations {
                 self.user_tokens.extend_from_slice(mission);
             }
         }
-        let hidden = &mut self.displacement_hidden;
-        let (first, second) = (&layout.displacement_in, &layout.displacement_out);
-        hidden.forward(arch, network, first, states, &self.mission_tokens);
-        let displacement = resize(&mut self.displacement, states * second.columns());
-        linear::forward(arch, network, second, states, &hidden.values, displacement);
-
         let hidden = &mut self.user_hidden;
         let (first, second) = (&layout.user_in, &layout.user_out);
         debug_assert_eq!(first.stride(), padded(2 * width));
         hidden.forward(arch, network, first, users, &self.user_tokens);
         let scored = resize(&mut self.users, users * second.columns());
         linear::forward(arch, network, second, users, &hidden.values, scored);
+        let Some([first, second]) = &layout.displacement else {
+            self.outputs.forward_values(batch, scored);
+            return;
+        };
+        let hidden = &mut self.displacement_hidden;
+        hidden.forward(arch, network, first, states, &self.mission_tokens);
+        let displacement = resize(&mut self.displacement, states * second.columns());
+        linear::forward(arch, network, second, states, &hidden.values, displacement);
         self.outputs.forward(batch, displacement, scored);
     }
 }

@@ -20,8 +20,9 @@ use super::{
 pub const PULL_SCALE: f32 = 3.0;
 /// Distance between rows of the displacement head's outputs.
 const DISPLACEMENT_STRIDE: usize = padded(DISPLACEMENT_OUTPUTS);
-/// Distance between rows of the user head's outputs.
+/// Distance between rows of the user head's outputs, also of a critic's.
 const USER_STRIDE: usize = padded(USER_OUTPUTS);
+const _: () = assert!(USER_STRIDE == padded(1));
 
 /// The outputs of a batch.
 #[derive(Clone, Debug, Default)]
@@ -48,11 +49,16 @@ pub struct OutputGradients {
 }
 
 impl Outputs {
-    /// Computes the outputs from those of the two heads' last layers.
-    pub fn forward(&mut self, batch: &SetBatch, displacement: &[f32], users: &[f32]) {
+    /// Takes the values of a critic, as scores, from its head's last layer.
+    pub fn forward_values(&mut self, batch: &SetBatch, users: &[f32]) {
         self.scores.clear();
         self.scores
             .extend((0..batch.users()).map(|user| users[user * USER_STRIDE]));
+    }
+
+    /// Computes the outputs from those of the two heads' last layers.
+    pub fn forward(&mut self, batch: &SetBatch, displacement: &[f32], users: &[f32]) {
+        self.forward_values(batch, users);
         self.shares.resize(batch.users(), 0.0);
         self.displacement.clear();
         self.points.clear();
@@ -82,6 +88,15 @@ impl Outputs {
             self.displacement.push(u.map(|u| u / divisor));
             self.points.push(point);
             self.lengths.push(length);
+        }
+    }
+
+    /// Computes the gradient of the outputs of a critic's last layer, which replaces `users`.
+    pub fn backward_values(&self, gradient: &OutputGradients, users: &mut [f32]) {
+        let rows = users.chunks_exact_mut(USER_STRIDE);
+        for (row, &score) in rows.zip(&gradient.scores) {
+            row.fill(0.0);
+            row[0] = score;
         }
     }
 

@@ -10,8 +10,19 @@ use super::super::product::padded;
 pub const HEADS: usize = 4;
 /// Number of outputs of the displacement head: two free components and two gates.
 pub const DISPLACEMENT_OUTPUTS: usize = 4;
-/// Number of outputs of the user head: score and pull.
+/// Number of outputs of the user head of a policy: score and pull.
 pub const USER_OUTPUTS: usize = 2;
+/// Number of outputs of the user head of a critic: the value.
+const VALUE_OUTPUTS: usize = 1;
+
+/// What a network computes from the final tokens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Heads {
+    /// A displacement and a score per user.
+    Policy,
+    /// A value per user, in place of its score.
+    Critic,
+}
 
 /// The sizes of the hidden layers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -132,6 +143,8 @@ pub struct Layout {
     pub architecture: Architecture,
     /// The numbers of features.
     pub features: FeatureSizes,
+    /// What the network computes.
+    pub heads: Heads,
     /// First layer of the sensors.
     pub sensor_in: Linear,
     /// Second layer of the sensors.
@@ -144,10 +157,8 @@ pub struct Layout {
     pub blocks: Vec<Block>,
     /// Where the `width` scales of the last norm start.
     pub final_norm: usize,
-    /// First layer of the displacement head.
-    pub displacement_in: Linear,
-    /// Second layer of the displacement head.
-    pub displacement_out: Linear,
+    /// The two layers of the displacement head, which a critic does not have.
+    pub displacement: Option<[Linear; 2]>,
     /// First layer of the user head.
     pub user_in: Linear,
     /// Second layer of the user head.
@@ -197,7 +208,7 @@ impl Layout {
     ///
     /// # Panics
     /// If the width is none of 32, 64, 96 and 128, or the hidden width no multiple of 16.
-    pub fn new(architecture: Architecture, features: FeatureSizes) -> Self {
+    pub fn new(architecture: Architecture, features: FeatureSizes, heads: Heads) -> Self {
         let Architecture {
             width,
             hidden,
@@ -224,21 +235,27 @@ impl Layout {
             })
             .collect();
         let final_norm = next.scales(width);
-        let displacement_in = next.linear(width, width);
-        let displacement_out = next.linear(width, DISPLACEMENT_OUTPUTS);
+        let (displacement, user_outputs) = match heads {
+            Heads::Policy => {
+                let first = next.linear(width, width);
+                let second = next.linear(width, DISPLACEMENT_OUTPUTS);
+                (Some([first, second]), USER_OUTPUTS)
+            }
+            Heads::Critic => (None, VALUE_OUTPUTS),
+        };
         let user_in = next.linear(2 * width, width);
-        let user_out = next.linear(width, USER_OUTPUTS);
+        let user_out = next.linear(width, user_outputs);
         Self {
             architecture,
             features,
+            heads,
             sensor_in,
             sensor_out,
             mission,
             user,
             blocks,
             final_norm,
-            displacement_in,
-            displacement_out,
+            displacement,
             user_in,
             user_out,
             len: next.next,
@@ -265,13 +282,9 @@ impl Layout {
                 Part::Linear(block.down),
             ]);
         }
-        parts.extend([
-            Part::Scales(self.final_norm, width),
-            Part::Linear(self.displacement_in),
-            Part::Linear(self.displacement_out),
-            Part::Linear(self.user_in),
-            Part::Linear(self.user_out),
-        ]);
+        parts.push(Part::Scales(self.final_norm, width));
+        parts.extend(self.displacement.into_iter().flatten().map(Part::Linear));
+        parts.extend([Part::Linear(self.user_in), Part::Linear(self.user_out)]);
         parts
     }
 }

@@ -4,7 +4,8 @@
 //! The sensors are pooled to their mean and maximum. The mission, with the pooled sensors, and the
 //! users are tokens of a transformer: `L` layers of attention with four heads and of a network with
 //! one hidden layer, each after a layer norm. Heads compute the displacement from the mission's
-//! token and a score per user ([`heads`]). A permutation of the users permutes the scores, and a
+//! token and a score per user ([`heads`]); a critic has only the head of the users, which computes a value
+//! for each. A permutation of the users permutes the scores, and a
 //! permutation of the sensors changes nothing but rounding.
 //!
 //! **Layout.** A batch consists of states with different numbers of users and sensors. Each matrix
@@ -25,6 +26,7 @@
 //! | [`linear`], [`norm`], [`attention`], [`pool`], [`heads`] | forward and backward pass of each part |
 //! | [`functions`] | `exp`, and SiLU with its derivative |
 //! | [`batch_gradient`] | gradients of a large batch on threads |
+//! | [`parts`] | the parts of a batch on threads, and the sum of their gradients |
 
 #[expect(
     clippy::needless_range_loop,
@@ -35,6 +37,8 @@ pub mod attention;
 pub mod backward;
 pub mod batch;
 pub mod batch_gradient;
+#[cfg(test)]
+mod critic_tests;
 pub mod forward;
 pub mod functions;
 pub mod heads;
@@ -46,6 +50,7 @@ pub mod network;
     reason = "loops over indices of several arrays become vector instructions"
 )]
 pub mod norm;
+pub mod parts;
 pub mod pool;
 #[cfg(test)]
 mod reference;
@@ -55,7 +60,7 @@ mod tests;
 pub use batch::SetBatch;
 pub use batch_gradient::BatchGradient;
 pub use forward::Activations;
-pub use layout::{Architecture, FeatureSizes, Layout};
+pub use layout::{Architecture, FeatureSizes, Heads, Layout};
 pub use network::SetNetwork;
 
 /// Makes a buffer `len` long. Its content is unspecified.

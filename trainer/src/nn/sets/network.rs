@@ -5,7 +5,7 @@ use std::ops::Range;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::layout::{Architecture, FeatureSizes, Layout, Linear, Part};
+use super::layout::{Architecture, FeatureSizes, Heads, Layout, Linear, Part};
 
 /// Standard deviation of the initial weights of layers that add to a token, and of the heads'
 /// outputs: a new network computes nearly the same for all inputs.
@@ -21,13 +21,24 @@ pub struct SetNetwork {
 }
 
 impl SetNetwork {
-    /// Creates a network with random weights.
+    /// Creates a policy with random weights.
     pub fn new(architecture: Architecture, features: FeatureSizes, seed: u64) -> Self {
-        let layout = Layout::new(architecture, features);
+        Self::with_heads(architecture, features, Heads::Policy, seed)
+    }
+
+    /// Creates a network with random weights.
+    pub fn with_heads(
+        architecture: Architecture,
+        features: FeatureSizes,
+        heads: Heads,
+        seed: u64,
+    ) -> Self {
+        let layout = Layout::new(architecture, features, heads);
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let small: Vec<Linear> = (layout.blocks.iter())
             .flat_map(|block| [block.mix, block.down])
-            .chain([layout.displacement_out, layout.user_out])
+            .chain(layout.displacement.map(|[_, last]| last))
+            .chain([layout.user_out])
             .collect();
         let mut parameters = vec![0.0; layout.len];
         for part in layout.parts() {

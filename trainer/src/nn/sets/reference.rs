@@ -64,13 +64,62 @@ pub(super) fn forward(
     state: &SetState<'_>,
     parameters: &[f64],
 ) -> ([f64; 2], Vec<f64>) {
+    let width = architecture.width;
+    let (tokens, mut next) = tokens(architecture, state, &wide(state.mission), parameters);
+    let (first, second) = (next.linear(width, width), next.linear(width, 4));
+    let o = second(&silu(first(&tokens[0])));
+    let rated = per_user(width, &tokens, &mut next, 2);
+    let pulls: Vec<f64> = rated.iter().map(|row| 3.0 * row[1]).collect();
+    let shares = softmax(&pulls);
+    let u = [0, 1].map(|i| {
+        let point: f64 = (shares.iter().zip(state.to_users))
+            .map(|(share, to)| share * f64::from(to[i]))
+            .sum();
+        sigmoid(o[2]) * point + sigmoid(o[3]) * f64::from(state.to_destination[i]) + o[i]
+    });
+    let length = u[0].hypot(u[1]).max(1.0);
+    (u.map(|u| u / length), rated.iter().map(|r| r[0]).collect())
+}
+
+/// Returns the users' values of a critic in one state, whose mission has other features.
+pub(super) fn values(
+    architecture: Architecture,
+    state: &SetState<'_>,
+    mission: &[f64],
+    parameters: &[f64],
+) -> Vec<f64> {
+    let (tokens, mut next) = tokens(architecture, state, mission, parameters);
+    let rated = per_user(architecture.width, &tokens, &mut next, 1);
+    rated.iter().map(|r| r[0]).collect()
+}
+
+/// Returns the outputs of the users' head, which is the last one.
+fn per_user(
+    width: usize,
+    tokens: &[Vec<f64>],
+    next: &mut Reader<'_>,
+    outputs: usize,
+) -> Vec<Vec<f64>> {
+    let (first, second) = (next.linear(2 * width, width), next.linear(width, outputs));
+    assert!(next.0.is_empty(), "{} parameters too many", next.0.len());
+    let rate = |token: &Vec<f64>| second(&silu(first(&[&token[..], &tokens[0]].concat())));
+    tokens[1..].iter().map(rate).collect()
+}
+
+/// Returns the final tokens, and the parameters of the heads.
+fn tokens<'a>(
+    architecture: Architecture,
+    state: &SetState<'_>,
+    mission: &[f64],
+    parameters: &'a [f64],
+) -> (Vec<Vec<f64>>, Reader<'a>) {
     let Architecture {
         width,
         hidden,
         layers,
     } = architecture;
     let users = state.to_users.len();
-    let (user, mission) = (state.users.len() / users, state.mission.len());
+    let user = state.users.len() / users;
     let mut next = Reader(parameters);
     let sensor = state.sensors.len() / 3; // tests have three sensors in each state
     let first = next.linear(sensor, width);
@@ -78,11 +127,11 @@ pub(super) fn forward(
     let encoded: Vec<Vec<f64>> = (state.sensors.chunks(sensor))
         .map(|row| second(&silu(first(&wide(row)))))
         .collect();
-    let mut input = wide(state.mission);
+    let mut input = mission.to_vec();
     let count = encoded.len() as f64;
     input.extend((0..width).map(|i| encoded.iter().map(|h| h[i]).sum::<f64>() / count));
     input.extend((0..width).map(|i| encoded.iter().map(|h| h[i]).fold(f64::MIN, f64::max)));
-    let mut tokens = vec![next.linear(mission + 2 * width, width)(&input)];
+    let mut tokens = vec![next.linear(mission.len() + 2 * width, width)(&input)];
     let embed = next.linear(user, width);
     tokens.extend(state.users.chunks(user).map(|row| embed(&wide(row))));
     for _ in 0..layers {
@@ -117,22 +166,5 @@ pub(super) fn forward(
         }
     }
     let norm = next.norm(width);
-    let tokens: Vec<Vec<f64>> = tokens.iter().map(|t| norm(t)).collect();
-    let (first, second) = (next.linear(width, width), next.linear(width, 4));
-    let o = second(&silu(first(&tokens[0])));
-    let (first, second) = (next.linear(2 * width, width), next.linear(width, 2));
-    let rated: Vec<Vec<f64>> = (tokens[1..].iter())
-        .map(|token| second(&silu(first(&[&token[..], &tokens[0]].concat()))))
-        .collect();
-    assert!(next.0.is_empty(), "{} parameters too many", next.0.len());
-    let pulls: Vec<f64> = rated.iter().map(|row| 3.0 * row[1]).collect();
-    let shares = softmax(&pulls);
-    let u = [0, 1].map(|i| {
-        let point: f64 = (shares.iter().zip(state.to_users))
-            .map(|(share, to)| share * f64::from(to[i]))
-            .sum();
-        sigmoid(o[2]) * point + sigmoid(o[3]) * f64::from(state.to_destination[i]) + o[i]
-    });
-    let length = u[0].hypot(u[1]).max(1.0);
-    (u.map(|u| u / length), rated.iter().map(|r| r[0]).collect())
+    (tokens.iter().map(|t| norm(t)).collect(), next)
 }

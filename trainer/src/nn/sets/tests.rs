@@ -10,24 +10,24 @@ use super::{
 };
 use crate::nn::{arch::every_arch, reference::check_gradient};
 
-const SMALL: Architecture = Architecture {
+pub(super) const SMALL: Architecture = Architecture {
     width: 32,
     hidden: 48,
     layers: 2,
 };
-const FEATURES: FeatureSizes = FeatureSizes {
+pub(super) const FEATURES: FeatureSizes = FeatureSizes {
     mission: 7,
     user: 5,
     sensor: 3,
 };
-const SENSORS: usize = 3;
+pub(super) const SENSORS: usize = 3;
 /// Numbers of users: the smallest and the largest of a mission, and more than a vector's lanes.
-const USERS: [usize; 5] = [1, 4, 16, 15, 9];
+pub(super) const USERS: [usize; 5] = [1, 4, 16, 15, 9];
 
 /// The inputs of one state.
 #[derive(Clone)]
-struct State {
-    mission: Vec<f32>,
+pub(super) struct State {
+    pub(super) mission: Vec<f32>,
     users: Vec<f32>,
     sensors: Vec<f32>,
     to_users: Vec<[f32; 2]>,
@@ -35,7 +35,7 @@ struct State {
 }
 
 impl State {
-    fn random(users: usize, rng: &mut Pcg64Mcg) -> Self {
+    pub(super) fn random(users: usize, rng: &mut Pcg64Mcg) -> Self {
         let mut numbers =
             |n: usize| -> Vec<f32> { (0..n).map(|_| rng.random_range(-1.0..1.0)).collect() };
         Self {
@@ -53,7 +53,7 @@ impl State {
         }
     }
 
-    fn view(&self) -> SetState<'_> {
+    pub(super) fn view(&self) -> SetState<'_> {
         SetState {
             mission: &self.mission,
             users: &self.users,
@@ -88,7 +88,7 @@ fn evaluate(arch: Arch, network: &SetNetwork, states: &[State]) -> (Vec<[f32; 2]
     (outputs.displacement.clone(), outputs.scores.clone())
 }
 
-fn assert_close(got: &[f32], expected: &[f32]) {
+pub(super) fn assert_close(got: &[f32], expected: &[f32]) {
     assert_eq!(got.len(), expected.len());
     for (got, expected) in got.iter().zip(expected) {
         assert!((got - expected).abs() < 2e-5, "{got} {expected}");

@@ -6,7 +6,7 @@ use firmware_core::policy::sets::{Precision, half};
 use super::super::proto::{FLOAT, FLOAT16, GraphProto, TensorProto};
 use crate::{
     imitation::encoder::FEATURES,
-    nn::sets::{Architecture, Layout, layout::Part},
+    nn::sets::{Architecture, Heads, Layout, layout::Part},
 };
 
 /// Returns all groups of weights with their names, in the order of the parameters.
@@ -20,7 +20,7 @@ pub(super) fn named_parts(architecture: Architecture) -> Vec<(String, Part)> {
     names.push("final_norm".into());
     names.extend(ends(&["displacement_in", "displacement_out"]));
     names.extend(ends(&["user_in", "user_out"]));
-    let parts = Layout::new(architecture, FEATURES).parts();
+    let parts = Layout::new(architecture, FEATURES, Heads::Policy).parts();
     names.into_iter().zip(parts).collect()
 }
 
