@@ -15,8 +15,10 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 /// The largest number of threads.
 pub(crate) const THREADS_MAX: usize = 256;
 
-/// By process and number of threads.
-static POOLS: Mutex<Option<HashMap<(u32, usize), Arc<ThreadPool>>>> = Mutex::new(None);
+/// Pools by process and number of threads.
+type Pools = HashMap<(u32, usize), Arc<ThreadPool>>;
+
+static POOLS: Mutex<Option<Pools>> = Mutex::new(None);
 
 /// Returns the number of threads for what the user asked for: all of the machine for `None`.
 pub(crate) fn count(threads: Option<usize>) -> usize {

@@ -159,7 +159,7 @@ fn power_gain(channel: &Channel, east_m: f64, north_m: f64) -> f64 {
 #[inline(always)]
 #[expect(clippy::excessive_precision, reason = "as in the original")]
 fn asin(x: f64) -> f64 {
-    const PIO2_HI: f64 = 1.57079632679489655800e+00;
+    const PIO2_HI: f64 = std::f64::consts::FRAC_PI_2;
     const PIO2_LO: f64 = 6.12323399573676603587e-17;
     const P_S0: f64 = 1.66666666666666657415e-01;
     const P_S1: f64 = -3.25565818622400915405e-01;
@@ -196,7 +196,7 @@ fn asin(x: f64) -> f64 {
 fn exp(x: f64) -> f64 {
     const LN2HI: f64 = 6.93147180369123816490e-01;
     const LN2LO: f64 = 1.90821492927058770002e-10;
-    const INVLN2: f64 = 1.44269504088896338700e+00;
+    const INVLN2: f64 = std::f64::consts::LOG2_E;
     const P1: f64 = 1.66666666666666019037e-01;
     const P2: f64 = -2.77777777770155933842e-03;
     const P3: f64 = 6.61375632143793436117e-05;

@@ -100,11 +100,7 @@ impl Episode {
     }
 
     /// Flies a slot.
-    pub(super) fn step(
-        &mut self,
-        worker: &mut (Environment<f64>, Action),
-        action: &EpisodeAction<'_>,
-    ) -> Step {
+    pub(super) fn step(&mut self, worker: &mut Stepped, action: &EpisodeAction<'_>) -> Step {
         let (environment, flown) = worker;
         environment.swap_state(&mut self.state);
         let (user, changed) = match action.wanted {
@@ -139,12 +135,7 @@ impl Episode {
     }
 
     /// Writes the observation.
-    pub(super) fn observe(
-        &mut self,
-        worker: &mut (Environment<f64>, Action),
-        kind: ObservationKind,
-        row: Rows<'_>,
-    ) {
+    pub(super) fn observe(&mut self, worker: &mut Stepped, kind: ObservationKind, row: Rows<'_>) {
         let (environment, _) = worker;
         environment.swap_state(&mut self.state);
         kind.write(environment, row);
@@ -152,7 +143,7 @@ impl Episode {
     }
 
     /// Returns the users that may be served in the coming slot.
-    pub(super) fn admissible(&mut self, worker: &mut (Environment<f64>, Action)) -> UserSet {
+    pub(super) fn admissible(&mut self, worker: &mut Stepped) -> UserSet {
         let (environment, _) = worker;
         environment.swap_state(&mut self.state);
         let admissible = environment.admissible();
@@ -161,10 +152,14 @@ impl Episode {
     }
 }
 
+/// The environment of a mission, and memory for an action.
+type Stepped = (Environment<f64>, Action);
+
 /// The environments of a thread.
 #[derive(Debug)]
 pub(super) struct Worker {
-    environments: Vec<Option<Box<(Environment<f64>, Action)>>>,
+    /// By mission, made when they are first stepped.
+    environments: Vec<Option<Box<Stepped>>>,
 }
 
 impl Worker {
@@ -179,7 +174,7 @@ impl Worker {
         &mut self,
         missions: &[Environment<f64>],
         mission: usize,
-    ) -> &mut (Environment<f64>, Action) {
+    ) -> &mut Stepped {
         self.environments[mission].get_or_insert_with(|| {
             let action = Action {
                 components: vec![0.0; 2],
