@@ -119,8 +119,7 @@ fn an_order_beyond_the_planners_capacity_is_refused() {
     assert!(Twin::new(&order, None).is_ok());
 }
 
-/// With the policy for any mission in flash, a board flies missions with different users, also when
-/// they change in flight.
+/// With the policy for any mission in flash, a board flies missions with different users.
 #[test]
 fn a_board_flies_any_mission_by_one_policy() {
     let policy = (PolicyKind::Trained, Some(for_any_mission()));
@@ -130,17 +129,7 @@ fn a_board_flies_any_mission_by_one_policy() {
         Scenario::shipped("slow").expect("shipped"),
         random.load().expect("a mission"),
     ];
-    let changes = "[[event]]\nslot = 9\nuser = 0\nposition_m = [500.0, 500.0]\n\
-                   [[event]]\nslot = 12\nuser = 1\nleaves = true\n\
-                   [[event]]\nslot = 15\nsensor = 2\nleaves = true\n";
     for scenario in scenarios {
-        let events = Events::parse(changes, &scenario.mission).expect("changes that can be made");
-        let summary = flown_with(&scenario, policy, events).summary();
-        assert!(summary.arrived && summary.fair, "{summary:?}");
-        assert_eq!(
-            (summary.mse_violations, summary.constraint_violations),
-            (0, 0)
-        );
         let summary = flown_with(&scenario, policy, Events::default()).summary();
         assert!(summary.arrived && summary.fair, "{summary:?}");
         assert_eq!(
@@ -151,6 +140,39 @@ fn a_board_flies_any_mission_by_one_policy() {
         let straight = flown(&scenario, PolicyKind::StraightLine).summary();
         assert!(summary.sum_rate > 1.05 * straight.sum_rate, "{summary:?}");
     }
+}
+
+/// The policy for any mission observes changes in flight: a user that joins where the vehicle would be
+/// in slot 40 is served thereabouts. (A policy for one mission has no score for it: the user is served
+/// when it must be, at the end.)
+#[test]
+fn a_board_with_a_policy_for_any_mission_observes_changes() {
+    let scenario = Scenario::shipped("separated").expect("shipped");
+    let policy = (PolicyKind::Trained, Some(for_any_mission()));
+    let unchanged = flown_with(&scenario, policy, Events::default());
+    let there = unchanged.slots[39].planned;
+    let changes = format!(
+        "[[event]]\nslot = 9\nuser = 15\nposition_m = [{:?}, {:?}]\n\
+         [[event]]\nslot = 12\nuser = 1\nleaves = true\n\
+         [[event]]\nslot = 15\nsensor = 2\nleaves = true\n",
+        there.x, there.y
+    );
+    let events = Events::parse(&changes, &scenario.mission).expect("changes that can be made");
+    let record = flown_with(&scenario, policy, events);
+    let summary = record.summary();
+    assert!(summary.arrived && summary.fair, "{summary:?}");
+    assert_eq!(
+        (summary.mse_violations, summary.constraint_violations),
+        (0, 0)
+    );
+    let first = record
+        .slots
+        .iter()
+        .find(|slot| slot.served_user == Some(15));
+    let first = first.expect("it has a quota").slot;
+    assert!((30..=50).contains(&first), "{first}");
+    let after = record.slots.iter().skip(11);
+    assert!(after.clone().all(|slot| slot.served_user != Some(1)));
 }
 
 /// A damaged policy for any mission is refused, and the order names no mission.
