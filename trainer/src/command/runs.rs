@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Error};
+use anyhow::{Context, Error, ensure};
 use clap::Args;
 use figures::document;
 use firmware_core::policy::sets::Precision;
@@ -29,6 +29,10 @@ pub(crate) struct Publish {
     /// The command that trained the policy, for the model card
     #[arg(long)]
     command: String,
+    /// With a run of --missions random: the network of the last step instead of the best evaluated one.
+    /// Where all evaluations are equal within their noise, it is the one with the lowest learning rate
+    #[arg(long)]
+    latest: bool,
 }
 
 impl Publish {
@@ -46,8 +50,11 @@ impl Publish {
         let name = self.stem.file_name().unwrap_or_default().to_string_lossy();
         let checkpoint = self.run.join(CHECKPOINT);
         if any_mission::method(&checkpoint).is_some() {
-            let network = any_mission::read_network(&checkpoint, false)?;
-            let summary = any_mission::read_summary(&checkpoint)?;
+            let network = any_mission::read_network(&checkpoint, self.latest)?;
+            let mut summary = any_mission::read_summary(&checkpoint)?;
+            if self.latest {
+                summary.best_step = summary.steps;
+            }
             let card = imitation::card::markdown(&name, &self.command, &network, &summary)?;
             return Ok(vec![
                 ("onnx", onnx::sets::write(&network, Precision::Half)?),
@@ -56,6 +63,10 @@ impl Publish {
                 ("svg", curves::of_held_out(&summary.rows).into_bytes()),
             ]);
         }
+        ensure!(
+            !self.latest,
+            "--latest is only for a run with --missions random"
+        );
         let Run { progress, scenario } = Run::open(&self.run)?;
         let best = progress.best.as_ref();
         let best = best.context("the run has no admissible policy")?;

@@ -52,7 +52,7 @@ impl Architecture {
     /// ```
     /// # use firmware_core::policy::sets::Architecture;
     /// let intended = Architecture { width: 64, hidden: 192, layers: 3 };
-    /// assert_eq!(intended.weight_count(), 158_918);
+    /// assert_eq!(intended.weight_count(), 158_790);
     /// ```
     pub fn weight_count(&self) -> usize {
         let Size {
