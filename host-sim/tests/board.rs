@@ -143,8 +143,8 @@ fn a_board_flies_any_mission_by_one_policy() {
 }
 
 /// The policy for any mission observes changes in flight: a user that joins where the vehicle would be
-/// in slot 40 is served thereabouts. (A policy for one mission has no score for it: the user is served
-/// when it must be, at the end.)
+/// in slot 40 is served before it must be. (A policy for one mission has no score for it: the user is
+/// served when fairness leaves no other choice, in slots 58 to 60.)
 #[test]
 fn a_board_with_a_policy_for_any_mission_observes_changes() {
     let scenario = Scenario::shipped("separated").expect("shipped");
@@ -170,7 +170,7 @@ fn a_board_with_a_policy_for_any_mission_observes_changes() {
         .iter()
         .find(|slot| slot.served_user == Some(15));
     let first = first.expect("it has a quota").slot;
-    assert!((30..=50).contains(&first), "{first}");
+    assert!((30..=55).contains(&first), "{first}");
     let after = record.slots.iter().skip(11);
     assert!(after.clone().all(|slot| slot.served_user != Some(1)));
 }
