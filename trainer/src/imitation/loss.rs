@@ -14,7 +14,7 @@ use crate::nn::sets::{
 };
 
 /// The weight of the length of the displacement's error.
-const DISPLACEMENT_WEIGHT: f32 = 3.0;
+pub const DISPLACEMENT_WEIGHT: f32 = 3.0;
 /// The length below which an error counts by its square, in units of the way of a slot.
 const SMALL_ERROR: f32 = 0.5;
 /// The names of the numbers that [`imitation`] reports.

@@ -118,7 +118,8 @@ fn loss_of(labels: &Labels, batch: &SetBatch, outputs: &Outputs) -> (f64, Output
     };
     let mut losses = Vec::new();
     loss::imitation(labels, batch, outputs, &mut gradient, &mut losses);
-    (2.0 * losses[0] + losses[1], gradient)
+    let weight = f64::from(loss::DISPLACEMENT_WEIGHT);
+    (weight * losses[0] + losses[1], gradient)
 }
 
 #[test]
