@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,15 @@ def test_a_time_limit_ends_a_certification_with_a_bound() -> None:
     assert short.upper > 61.8 and short.gap > 1e-5
 
 
+@pytest.fixture
+def ctrl_c_raises() -> Iterator[None]:
+    """A shell that starts the tests in the background has them ignore the signal of Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c_raises")
 def test_ctrl_c_ends_long_calls() -> None:
     mission = a.load_mission("separated").changed(slots=300)
     calls = [
