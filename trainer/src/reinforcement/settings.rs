@@ -86,14 +86,14 @@ impl ReinforcementSettings {
     pub fn improving() -> Self {
         let new = Self::from_new();
         Self {
-            initial_temperature: 0.01,
+            initial_temperature: 0.001,
             displacement_entropy: -3.0,
             user_entropy_fraction: 0.05,
-            actor_frozen_steps: 1_000,
+            actor_frozen_steps: 5_000,
             random_missions: 0,
-            imitation_weight: 0.05,
+            imitation_weight: 0.5,
             imitation: ImitationSettings {
-                learning_rate: 1e-4,
+                learning_rate: 3e-5,
                 ..new.imitation
             },
             ..new
