@@ -44,7 +44,9 @@ impl Policy<f64, USERS_MAX> for SetPolicy<'_> {
         self.activations
             .forward(self.arch, self.network, &self.batch);
         let outputs = self.activations.outputs();
-        let [east, north] = outputs.displacement[0].map(|v| f64::from(v * self.encoder.reach_m()));
+        let [east, north] = outputs
+            .displacement(0)
+            .map(|v| f64::from(v * self.encoder.reach_m()));
         Action {
             displacement: Displacement::new(east, north),
             user_scores: outputs.scores.iter().map(|&s| f64::from(s)).collect(),

@@ -221,6 +221,7 @@ impl Learning for Imitation {
         loss::NAMES[0],
         loss::NAMES[1],
         loss::NAMES[2],
+        loss::NAMES[3],
         "losses/gradient_norm",
     ];
 

@@ -191,6 +191,6 @@ impl Decision {
         let outputs = self.activations.outputs();
         let admissible = self.encoder.admissible();
         self.users.evaluate(&outputs.scores, admissible);
-        outputs.displacement[0]
+        outputs.displacement(0)
     }
 }

@@ -90,10 +90,7 @@ pub struct MeanGradient<'a> {
 impl Pass {
     /// Makes the gradient of the outputs zero.
     fn clear(&mut self, states: usize, users: usize) {
-        self.outputs.displacement.clear();
-        self.outputs.displacement.resize(states, [0.0; 2]);
-        self.outputs.scores.clear();
-        self.outputs.scores.resize(users, 0.0);
+        self.outputs.clear(states, users);
     }
 
     fn scores(&self) -> &[f32] {
@@ -121,8 +118,8 @@ impl Part {
         } = self;
         pass.activations.forward(arch, actor, &states.batch);
         samples.clear();
-        let means = pass.activations.outputs().displacement.iter();
-        let sample = |(v, epsilon): (&[f32; 2], &[f32; 2])| Displacement::new(*v, sigma, *epsilon);
+        let means = pass.activations.outputs().displacements();
+        let sample = |(v, epsilon): ([f32; 2], &[f32; 2])| Displacement::new(v, sigma, *epsilon);
         samples.extend(means.zip(&states.epsilon).map(sample));
         let displacements: Vec<[f32; 2]> = samples.iter().map(|sample| sample.value).collect();
         with_displacement.extend_missions(&states.batch, &displacements);
@@ -243,7 +240,8 @@ impl Part {
             let epsilon = states.epsilon[state];
             let along = d_u[0] * epsilon[0] + d_u[1] * epsilon[1];
             self.sums.value_by_log_sigma += f64::from(sigma * along);
-            self.actor.outputs.displacement[state] = d_u.map(|d_u| -d_u);
+            let chosen = self.actor.activations.outputs().chosen[state];
+            self.actor.outputs.candidates[state][chosen].displacement = d_u.map(|d_u| -d_u);
         }
         let Pass {
             activations,

@@ -74,6 +74,7 @@ impl ReinforcementSettings {
             imitation: ImitationSettings {
                 batch: 128,
                 learning_rate: 5e-4,
+                first_missions: 16,
                 steps_per_mission: 4,
                 evaluate_every: 500,
                 report_every: 100,

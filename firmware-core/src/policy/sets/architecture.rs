@@ -20,6 +20,13 @@ pub const HIDDEN_MAX: usize = 288;
 /// The largest number of attention layers.
 pub const LAYERS_MAX: usize = 4;
 
+/// The number of candidates for the displacement, of which the network chooses one.
+pub const CANDIDATES: usize = 3;
+
+/// The number of outputs per candidate of the displacement head: two free components, two gates and
+/// the logit.
+pub const CANDIDATE_OUTPUTS: usize = 5;
+
 /// The sizes of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
@@ -52,7 +59,7 @@ impl Architecture {
     /// ```
     /// # use firmware_core::policy::sets::Architecture;
     /// let intended = Architecture { width: 64, hidden: 192, layers: 3 };
-    /// assert_eq!(intended.weight_count(), 158_790);
+    /// assert_eq!(intended.weight_count(), 159_635);
     /// ```
     pub fn weight_count(&self) -> usize {
         let Size {
@@ -73,9 +80,9 @@ impl Architecture {
             + layers * layer
             + width
             + linear(width, width)
-            + linear(width, 4)
+            + linear(width, CANDIDATE_OUTPUTS * CANDIDATES)
             + linear(2 * width, width)
-            + linear(width, 2)
+            + linear(width, 1 + CANDIDATES)
     }
 
     pub(super) fn check(&self) -> Result<(), SetsLoadError> {

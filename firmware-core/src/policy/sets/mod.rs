@@ -21,16 +21,20 @@
 //! | `L` layers | `[q; k; v] = linear(3 D) norm z`, in 4 heads; `z += linear(D) softmax(q.k / sqrt(D/4)) v` | norm, linear(3 D), linear(D) |
 //! | | `z += linear(D) silu linear(F) norm z` | norm, linear(F), linear(D) |
 //! | end | `z = norm z` | norm |
-//! | displacement | `o = linear(4) silu linear(D) z_0` | linear(D), linear(4) |
-//! | per user | `[score_m; pull_m] = linear(2) silu linear(D) [z_m; z_0]` | linear(D), linear(2) |
+//! | displacement | `[o_1; o_2; o_3] = linear(15) silu linear(D) z_0` | linear(D), linear(15) |
+//! | per user | `[score_m; pull_{m,1..3}] = linear(4) silu linear(D) [z_m; z_0]` | linear(D), linear(4) |
 //!
-//! With `p` the average of the users' positions relative to the vehicle, weighted by `softmax_m(3
-//! pull_m)`, `q_f` the destination relative to the vehicle and `r` the reach,
+//! There are [`CANDIDATES`] candidates for the displacement, each with [`CANDIDATE_OUTPUTS`] outputs
+//! `o_k`. With `p_k` the average of the users' positions relative to the vehicle, weighted by
+//! `softmax_m(3 pull_{m,k})`, `q_f` the destination relative to the vehicle and `r` the reach,
 //!
 //! ```text
-//! v = sigmoid(o_2) p / r + sigmoid(o_3) q_f / r + (o_0, o_1)
-//! displacement = r v / max(1, |v|)
+//! v_k = sigmoid(o_k2) p_k / r + sigmoid(o_k3) q_f / r + (o_k0, o_k1)
+//! displacement = r v_k / max(1, |v_k|), with the k whose logit o_k4 is the largest, the first of equals
 //! ```
+//!
+//! Where two ways are about equally good, a single displacement would be trained to their average,
+//! which is on neither; candidates are trained to one way each.
 //!
 //! Permuting users permutes their scores, permuting sensors changes nothing (up to rounding).
 //!
@@ -59,7 +63,9 @@ mod observation;
 mod panel;
 mod policy;
 
-pub use architecture::{Architecture, HEADS, HIDDEN_MAX, LAYERS_MAX, WIDTH_MAX};
+pub use architecture::{
+    Architecture, CANDIDATE_OUTPUTS, CANDIDATES, HEADS, HIDDEN_MAX, LAYERS_MAX, WIDTH_MAX,
+};
 pub use columns::{
     MISSION_COLUMN_NAMES, MISSION_COLUMNS, PLACES, RINGS, SENSOR_COLUMN_NAMES, SENSOR_COLUMNS,
     SENSORS, USER_COLUMN_NAMES, USER_COLUMNS, USERS,

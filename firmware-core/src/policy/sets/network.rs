@@ -2,7 +2,7 @@
 //! The network: from an observation to a displacement and scores.
 
 use super::{
-    architecture::{Architecture, HIDDEN_MAX, WIDTH_MAX},
+    architecture::{Architecture, CANDIDATE_OUTPUTS, CANDIDATES, HIDDEN_MAX, WIDTH_MAX},
     attention::{PANELS, attend},
     columns::{SENSORS, USERS},
     error::SetsLoadError,
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::policy::container::{self, Deviation};
 
-/// The factor of the second output per user before its softmax.
+/// The factor of the pulls before their softmax.
 const PULL_FACTOR: f32 = 3.0;
 
 /// The outputs of a policy for any mission.
@@ -266,17 +266,19 @@ impl SetsWork {
         (panel, lane): (usize, usize),
     ) -> Option<SetsOutput> {
         let first = weights.linear(width, width)?;
-        let second = weights.linear(width, 4)?;
+        let second = weights.linear(width, CANDIDATE_OUTPUTS * CANDIDATES)?;
         let mission = self.tokens.get(panel)?.get(..width)?;
         first.apply(mission, &mut self.input)?;
         silu(self.input.get_mut(..width)?);
         second.apply(&self.input, &mut self.output)?;
-        let mut motion = [0.0; 4];
-        for (motion, output) in motion.iter_mut().zip(read_lane(&self.output, lane)) {
-            *motion = output;
+        let mut candidates = [[0.0; CANDIDATE_OUTPUTS]; CANDIDATES];
+        let outputs = candidates.as_flattened_mut().iter_mut();
+        for (candidate, output) in outputs.zip(read_lane(&self.output, lane)) {
+            *candidate = output;
         }
+        let (chosen, motion) = choose(candidates);
         let first = weights.linear(2 * width, width)?;
-        let second = weights.linear(width, 2)?;
+        let second = weights.linear(width, 1 + CANDIDATES)?;
         let [mut user_scores, mut pulls] = [[0.0_f32; USERS]; 2];
         let outputs = user_scores.iter_mut().zip(&mut pulls);
         let mut outputs = outputs.take(observation.user_rows().len());
@@ -292,7 +294,8 @@ impl SetsWork {
             first.apply(&self.wide, &mut self.input)?;
             silu(self.input.get_mut(..width)?);
             second.apply(&self.input, &mut self.output)?;
-            let [score, pull, ..] = &self.output;
+            let (score, pulls) = self.output.split_first()?;
+            let pull = pulls.get(chosen)?;
             for ((score, pull), (user_score, user_pull)) in
                 score.iter().zip(pull).zip(outputs.by_ref().take(LANES))
             {
@@ -306,11 +309,24 @@ impl SetsWork {
     }
 }
 
+/// Returns the candidate with the largest logit, the first of equals, and its index.
+fn choose(candidates: [[f32; CANDIDATE_OUTPUTS]; CANDIDATES]) -> (usize, [f32; CANDIDATE_OUTPUTS]) {
+    let [mut best, ..] = candidates;
+    let mut chosen = 0;
+    for (index, candidate) in candidates.into_iter().enumerate() {
+        let ([.., logit], [.., largest]) = (candidate, best);
+        if logit > largest {
+            (chosen, best) = (index, candidate);
+        }
+    }
+    (chosen, best)
+}
+
 /// Returns the displacement, metres: towards a point among the users and towards the destination,
 /// as far as two outputs say, and a free part; at most as long as the reach.
 fn displacement_m(
     observation: &SetsObservation,
-    [free_east, free_north, to_users, to_destination]: [f32; 4],
+    [free_east, free_north, to_users, to_destination, _]: [f32; CANDIDATE_OUTPUTS],
     pulls: &[f32; USERS],
 ) -> [f32; 2] {
     let [destination_east_m, destination_north_m, ..] = observation.mission;

@@ -79,10 +79,7 @@ impl BatchGradient {
                 part.activations.forward(arch, network, &part.batch);
                 let outputs = part.activations.outputs();
                 let gradient = &mut part.outputs;
-                gradient.displacement.clear();
-                gradient.displacement.resize(part.batch.len(), [0.0; 2]);
-                gradient.scores.clear();
-                gradient.scores.resize(part.batch.users(), 0.0);
+                gradient.clear(part.batch.len(), part.batch.users());
                 loss(&labels, &part.batch, outputs, gradient, &mut part.losses);
                 part.gradients.backward(
                     arch,

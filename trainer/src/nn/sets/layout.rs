@@ -2,16 +2,17 @@
 
 use std::ops::Range;
 
+use firmware_core::policy::sets::{CANDIDATE_OUTPUTS, CANDIDATES};
 use serde::{Deserialize, Serialize};
 
 use super::super::product::padded;
 
 /// Number of attention heads.
 pub const HEADS: usize = 4;
-/// Number of outputs of the displacement head: two free components and two gates.
-pub const DISPLACEMENT_OUTPUTS: usize = 4;
-/// Number of outputs of the user head of a policy: score and pull.
-pub const USER_OUTPUTS: usize = 2;
+/// Number of outputs of the displacement head.
+pub const DISPLACEMENT_OUTPUTS: usize = CANDIDATE_OUTPUTS * CANDIDATES;
+/// Number of outputs of the user head of a policy: the score, and a pull per candidate.
+pub const USER_OUTPUTS: usize = 1 + CANDIDATES;
 /// Number of outputs of the user head of a critic: the value.
 const VALUE_OUTPUTS: usize = 1;
 

@@ -58,27 +58,34 @@ fn wide(x: &[f32]) -> Vec<f64> {
     x.iter().map(|&x| x.into()).collect()
 }
 
-/// Returns the displacement and the users' scores of one state.
+/// A candidate for the displacement, and its logit.
+pub(super) type Candidate = ([f64; 2], f64);
+
+/// Returns the candidates for the displacement and the users' scores of one state.
 pub(super) fn forward(
     architecture: Architecture,
     state: &SetState<'_>,
     parameters: &[f64],
-) -> ([f64; 2], Vec<f64>) {
+) -> (Vec<Candidate>, Vec<f64>) {
     let width = architecture.width;
     let (tokens, mut next) = tokens(architecture, state, &wide(state.mission), parameters);
-    let (first, second) = (next.linear(width, width), next.linear(width, 4));
-    let o = second(&silu(first(&tokens[0])));
-    let rated = per_user(width, &tokens, &mut next, 2);
-    let pulls: Vec<f64> = rated.iter().map(|row| 3.0 * row[1]).collect();
-    let shares = softmax(&pulls);
-    let u = [0, 1].map(|i| {
-        let point: f64 = (shares.iter().zip(state.to_users))
-            .map(|(share, to)| share * f64::from(to[i]))
-            .sum();
-        sigmoid(o[2]) * point + sigmoid(o[3]) * f64::from(state.to_destination[i]) + o[i]
-    });
-    let length = u[0].hypot(u[1]).max(1.0);
-    (u.map(|u| u / length), rated.iter().map(|r| r[0]).collect())
+    let (first, second) = (next.linear(width, width), next.linear(width, 15));
+    let outputs = second(&silu(first(&tokens[0])));
+    let rated = per_user(width, &tokens, &mut next, 4);
+    let candidate = |(index, o): (usize, &[f64])| {
+        let pulls: Vec<f64> = rated.iter().map(|row| 3.0 * row[1 + index]).collect();
+        let shares = softmax(&pulls);
+        let u = [0, 1].map(|i| {
+            let point: f64 = (shares.iter().zip(state.to_users))
+                .map(|(share, to)| share * f64::from(to[i]))
+                .sum();
+            sigmoid(o[2]) * point + sigmoid(o[3]) * f64::from(state.to_destination[i]) + o[i]
+        });
+        let length = u[0].hypot(u[1]).max(1.0);
+        (u.map(|u| u / length), o[4])
+    };
+    let candidates = outputs.chunks(5).enumerate().map(candidate).collect();
+    (candidates, rated.iter().map(|r| r[0]).collect())
 }
 
 /// Returns the users' values of a critic in one state, whose mission has other features.

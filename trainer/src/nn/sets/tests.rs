@@ -1,12 +1,13 @@
 //! The whole network: against double precision, numerically differentiated, and its symmetries.
 
+use firmware_core::policy::sets::CANDIDATES;
 use pulp::Arch;
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_pcg::Pcg64Mcg;
 
 use super::{
     Activations, Architecture, BatchGradient, FeatureSizes, SetBatch, SetNetwork, batch::SetState,
-    reference,
+    heads::Candidate, reference,
 };
 use crate::nn::{arch::every_arch, reference::check_gradient};
 
@@ -77,7 +78,8 @@ fn setup() -> (SetNetwork, Vec<State>) {
     (network, states)
 }
 
-fn evaluate(arch: Arch, network: &SetNetwork, states: &[State]) -> (Vec<[f32; 2]>, Vec<f32>) {
+/// Returns displacement and logit of every candidate of every state, and the scores.
+fn evaluate(arch: Arch, network: &SetNetwork, states: &[State]) -> (Vec<[f32; 3]>, Vec<f32>) {
     let mut batch = SetBatch::new(FEATURES);
     for state in states {
         batch.push(&state.view());
@@ -85,7 +87,9 @@ fn evaluate(arch: Arch, network: &SetNetwork, states: &[State]) -> (Vec<[f32; 2]
     let mut activations = Activations::default();
     activations.forward(arch, network, &batch);
     let outputs = activations.outputs();
-    (outputs.displacement.clone(), outputs.scores.clone())
+    let numbers = |c: &Candidate| [c.displacement[0], c.displacement[1], c.logit];
+    let candidates = outputs.candidates.as_flattened().iter().map(numbers);
+    (candidates.collect(), outputs.scores.clone())
 }
 
 pub(super) fn assert_close(got: &[f32], expected: &[f32]) {
@@ -99,20 +103,29 @@ pub(super) fn assert_close(got: &[f32], expected: &[f32]) {
 fn forward_agrees_with_double_precision() {
     let (network, states) = setup();
     let parameters: Vec<f64> = network.export().iter().map(|&x| x.into()).collect();
-    let (displacement, scores) = evaluate(Arch::new(), &network, &states);
+    let (candidates, scores) = evaluate(Arch::new(), &network, &states);
     let mut expected_scores = Vec::new();
-    for (state, v) in states.iter().zip(displacement) {
+    let mut lengths = Vec::new();
+    let mut chosen = Vec::new();
+    for (state, got) in states.iter().zip(candidates.chunks(CANDIDATES)) {
         let (expected, scores) = reference::forward(SMALL, &state.view(), &parameters);
-        assert_close(&v, &expected.map(|x| x as f32));
+        for (got, (v, logit)) in got.iter().zip(&expected) {
+            assert_close(got, &[v[0], v[1], *logit].map(|x| x as f32));
+            lengths.push(v[0].hypot(v[1]));
+        }
+        let logit = |k: &usize| expected[*k].1;
+        chosen.extend((0..CANDIDATES).max_by(|a, b| logit(a).total_cmp(&logit(b))));
         expected_scores.extend(scores.iter().map(|&x| x as f32));
     }
     assert_close(&scores, &expected_scores);
     // Both branches of the limit on the length are taken.
-    let lengths: Vec<f64> = (states.iter())
-        .map(|state| reference::forward(SMALL, &state.view(), &parameters).0)
-        .map(|v| v[0].hypot(v[1]))
-        .collect();
     assert!(lengths.iter().any(|&l| l > 1.0 - 1e-9) && lengths.iter().any(|&l| l < 0.99));
+    let mut batch = SetBatch::new(FEATURES);
+    states.iter().for_each(|state| batch.push(&state.view()));
+    let mut activations = Activations::default();
+    activations.forward(Arch::new(), &network, &batch);
+    assert_eq!(activations.outputs().chosen, chosen);
+    assert!(chosen.iter().any(|&k| k != chosen[0]), "{chosen:?}");
 }
 
 /// Every parameter, with a loss that has a gradient in every output.
@@ -132,10 +145,15 @@ fn gradients_match_finite_differences() {
         |range, batch, outputs, gradient, losses| {
             let mut total = 0.0;
             for (index, state) in range.clone().enumerate() {
-                for i in 0..2 {
-                    let v = outputs.displacement[index][i];
-                    gradient.displacement[index][i] = v + weight(state + i) as f32;
-                    total += f64::from(v * (0.5 * v + weight(state + i) as f32));
+                let candidates = outputs.candidates[index].iter().enumerate();
+                for ((k, candidate), gradient) in candidates.zip(&mut gradient.candidates[index]) {
+                    for i in 0..2 {
+                        let v = candidate.displacement[i];
+                        gradient.displacement[i] = v + weight(state + i + k) as f32;
+                        total += f64::from(v * (0.5 * v + weight(state + i + k) as f32));
+                    }
+                    gradient.logit = weight(state + k) as f32;
+                    total += f64::from(candidate.logit * weight(state + k) as f32);
                 }
                 for (m, user) in batch.users_of(index).enumerate() {
                     let s = outputs.scores[user];
@@ -150,10 +168,11 @@ fn gradients_match_finite_differences() {
     let loss = |parameters: &[f64]| {
         let mut total = 0.0;
         for (n, state) in states.iter().enumerate() {
-            let (v, scores) = reference::forward(SMALL, &state.view(), parameters);
-            total += (0..2)
-                .map(|i| v[i] * (0.5 * v[i] + weight(n + i)))
-                .sum::<f64>();
+            let (candidates, scores) = reference::forward(SMALL, &state.view(), parameters);
+            for (k, (v, logit)) in candidates.iter().enumerate() {
+                let terms = (0..2).map(|i| v[i] * (0.5 * v[i] + weight(n + i + k)));
+                total += terms.sum::<f64>() + logit * weight(n + k);
+            }
             let scores = scores.iter().enumerate();
             total += scores
                 .map(|(m, s)| s * (0.5 * s + weight(n * m)))
@@ -210,7 +229,7 @@ fn users_permute_scores_and_sensors_change_nothing() {
             ..state
         };
         let (permuted_v, permuted_scores) = evaluate(Arch::new(), &network, &[permuted]);
-        assert_close(&permuted_v[0], &v[0]);
+        assert_close(permuted_v.as_flattened(), v.as_flattened());
         let expected: Vec<f32> = order.iter().map(|&i| scores[i]).collect();
         assert_close(&permuted_scores, &expected);
     }
@@ -241,7 +260,11 @@ fn gradient_with(arch: Arch, network: &SetNetwork, states: &[State], threads: us
         70,
         |range, batch| range.for_each(|i| batch.push(&states[i % states.len()].view())),
         |_, _, outputs, gradient, _| {
-            gradient.displacement.copy_from_slice(&outputs.displacement);
+            let pairs = outputs.candidates.iter().zip(&mut gradient.candidates);
+            for (candidate, gradient) in pairs.flat_map(|(c, g)| c.iter().zip(g)) {
+                gradient.displacement = candidate.displacement;
+                gradient.logit = candidate.logit;
+            }
             gradient.scores.copy_from_slice(&outputs.scores);
         },
     );
@@ -290,6 +313,6 @@ fn the_default_size_is_known() {
     let linear = |i: usize, o: usize| (i + 1) * o;
     let block = 2 * d + linear(d, 3 * d) + linear(d, d) + linear(d, f) + linear(f, d);
     let ends = linear(4, d) + linear(d, d) + linear(40 + 2 * d, d) + linear(30, d);
-    let heads = d + linear(d, d) + linear(d, 4) + linear(2 * d, d) + linear(d, 2);
+    let heads = d + linear(d, d) + linear(d, 15) + linear(2 * d, d) + linear(d, 4);
     assert_eq!(network.exported_len(), 3 * block + ends + heads);
 }

@@ -2,8 +2,8 @@
 //!
 //! | | name | shape | unit |
 //! |---|---|---|---|
-//! | input | `mission` | f32\[1, 28\] | see [`firmware_core::policy::sets`] |
-//! | input | `users`, `user_mask` | f32\[1, 16, 14\], f32\[1, 16\] | |
+//! | input | `mission` | f32\[1, 44\] | see [`firmware_core::policy::sets`] |
+//! | input | `users`, `user_mask` | f32\[1, 16, 32\], f32\[1, 16\] | |
 //! | input | `sensors`, `sensor_mask` | f32\[1, 64, 3\], f32\[1, 64\] | |
 //! | output | `displacement` | f32\[1, 2\] | m |
 //! | output | `user_scores` | f32\[1, 16\] | 0 where `user_mask` is 0 |

@@ -1,6 +1,6 @@
 //! The network, as [`firmware_core::policy::sets`] defines it.
 
-use firmware_core::policy::sets::{Precision, USERS};
+use firmware_core::policy::sets::{CANDIDATE_OUTPUTS, CANDIDATES, Precision, USERS};
 
 use super::{
     operators::Operators,
@@ -8,14 +8,14 @@ use super::{
 };
 use crate::{
     imitation::trained::TrainedNetwork,
-    nn::sets::layout::{DISPLACEMENT_OUTPUTS, HEADS, Part},
+    nn::sets::layout::{HEADS, Part},
 };
 
 /// Subtracted where there is no user or sensor, before a maximum or a softmax.
 const FAR_BELOW: f32 = 1e9;
 /// Added to a variance.
 const VARIANCE_OFFSET: f32 = 1e-5;
-/// The factor of the second output per user before its softmax.
+/// The factor of the pulls before their softmax.
 const PULL_FACTOR: f32 = 3.0;
 
 /// The masks, of shapes \[1, 16, 1\] and \[1, 64, 1\].
@@ -205,12 +205,26 @@ impl<'a> Writer<'a> {
         let per_user = self.linear("user_out", &hidden);
         let exclusion = self.exclusion(masks.users);
         let g = &mut self.g;
+        // [1, 1, 5] of the chosen candidate, and 1 or 0 per candidate.
+        let (candidates, size) = (CANDIDATES as i64, CANDIDATE_OUTPUTS as i64);
+        let all = g.reshape(&motion, &[1, candidates, size]);
+        let logits = g.slice(&all, 2, size - 1, size);
+        let first = g.first_largest(&logits, 1);
+        let indices: Vec<i64> = (0..candidates).collect();
+        let indices = g.integers(&indices);
+        let indices = g.reshape(&indices, &[1, candidates, 1]);
+        let chosen = g.equal(&indices, &first);
+        let motion = g.apply("Mul", &[&all, &chosen]);
+        let motion = g.sum(&motion, 1);
+        let chosen = g.reshape(&chosen, &[1, 1, candidates]);
         let scores = g.slice(&per_user, 2, 0, 1);
         let scores = g.apply("Mul", &[&scores, masks.users]);
         let dims = g.integers(&[1, users]);
         g.graph.node("Reshape", &[&scores, &dims], "user_scores");
 
-        let pulls = g.slice(&per_user, 2, 1, 2);
+        let pulls = g.slice(&per_user, 2, 1, 1 + candidates);
+        let pulls = g.apply("Mul", &[&pulls, &chosen]);
+        let pulls = g.sum(&pulls, 2);
         let pulls = g.with_number("Mul", &pulls, PULL_FACTOR);
         let pulls = g.apply("Add", &[&pulls, &exclusion]);
         let weights = g.along("Softmax", &[&pulls], 1);
@@ -235,6 +249,3 @@ impl<'a> Writer<'a> {
             .node("Reshape", &[&displacement, &dims], "displacement");
     }
 }
-
-// Two free components and two gates, as `heads` takes them apart.
-const _: () = assert!(DISPLACEMENT_OUTPUTS == 4);

@@ -48,6 +48,25 @@ impl Operators {
         name
     }
 
+    /// Returns the index of the largest entry over an axis, the first of equals.
+    pub(super) fn first_largest(&mut self, input: &str, axis: i64) -> String {
+        let name = self.name("ArgMax");
+        let attributes = vec![integer("axis", axis), integer("keepdims", 1)];
+        self.graph
+            .node_with("ArgMax", &[input], &[&name], attributes);
+        name
+    }
+
+    /// Returns 1 where integers are equal, and 0 elsewhere.
+    pub(super) fn equal(&mut self, a: &str, b: &str) -> String {
+        let equal = self.apply("Equal", &[a, b]);
+        let name = self.name("Cast");
+        let attributes = vec![integer("to", super::super::proto::FLOAT.into())];
+        self.graph
+            .node_with("Cast", &[&equal], &[&name], attributes);
+        name
+    }
+
     /// Returns a value with its axes in another order.
     pub(super) fn transpose(&mut self, input: &str, order: &[i64]) -> String {
         let name = self.name("Transpose");

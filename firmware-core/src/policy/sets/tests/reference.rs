@@ -32,9 +32,9 @@ pub(super) fn weights(random: &mut Pcg64Mcg, architecture: &Architecture) -> Std
     }
     norm(&mut all);
     linear(&mut all, width, width);
-    linear(&mut all, width, 4);
+    linear(&mut all, width, 15);
     linear(&mut all, 2 * width, width);
-    linear(&mut all, width, 2);
+    linear(&mut all, width, 4);
     assert_eq!(all.len(), architecture.weight_count());
     all
 }
@@ -173,15 +173,21 @@ pub(super) fn evaluate(
     }
     let scale = reader.take(width);
     let tokens: StdVec<Vector> = tokens.iter().map(|z| norm(scale, z)).collect();
-    let (first, second) = (reader.linear(width, width), reader.linear(width, 4));
-    let motion = second.of(&silu(first.of(&tokens[0])));
-    let (first, second) = (reader.linear(2 * width, width), reader.linear(width, 2));
+    let (first, second) = (reader.linear(width, width), reader.linear(width, 15));
+    let candidates = second.of(&silu(first.of(&tokens[0])));
+    let (mut chosen, mut motion) = (0, &candidates[..5]);
+    for (index, candidate) in candidates.chunks(5).enumerate() {
+        if candidate[4] > motion[4] {
+            (chosen, motion) = (index, candidate);
+        }
+    }
+    let (first, second) = (reader.linear(2 * width, width), reader.linear(width, 4));
     let heads: StdVec<Vector> = tokens[1..]
         .iter()
         .map(|z| second.of(&silu(first.of(&[&z[..], &tokens[0]].concat()))))
         .collect();
     assert!(reader.0.is_empty());
-    let pulls: Vector = heads.iter().map(|head| 3.0 * head[1]).collect();
+    let pulls: Vector = heads.iter().map(|head| 3.0 * head[1 + chosen]).collect();
     let columns = double(&observation.mission);
     let reach_m = columns[7];
     let mut v = [motion[0], motion[1]];

@@ -1,4 +1,6 @@
-//! Demonstrations, samples, the loss and short runs.
+//! Demonstrations, samples and short runs.
+
+mod loss;
 
 use firmware_core::{
     inner::Workspace,
@@ -17,19 +19,15 @@ use super::{
     demonstration::{Demonstration, mission_seed},
     encoder::{Encoder, FEATURES},
     held_out::{FIRST_SEED, HeldOut},
-    loss,
     policy::SetPolicy,
     run::Imitation,
-    sample::{Labels, Sample},
+    sample::Sample,
     settings::{HIGH_NOISE_DBM, ImitationSettings},
     symmetry::Symmetry,
     trained::TrainedNetwork,
 };
 use crate::{
-    nn::sets::{
-        Activations, Architecture, SetBatch, SetNetwork,
-        heads::{OutputGradients, Outputs},
-    },
+    nn::sets::{Architecture, SetNetwork},
     record::Threads,
 };
 
@@ -109,64 +107,6 @@ fn a_reflected_mission_has_reflected_features() {
     // The best rate where the vehicle is.
     assert!((plain.mission[20] - image.mission[20]).abs() < 1e-5);
     assert!(plain.mission[20] != 0.0);
-}
-
-fn loss_of(labels: &Labels, batch: &SetBatch, outputs: &Outputs) -> (f64, OutputGradients) {
-    let mut gradient = OutputGradients {
-        displacement: vec![[0.0; 2]; batch.len()],
-        scores: vec![0.0; batch.users()],
-    };
-    let mut losses = Vec::new();
-    loss::imitation(labels, batch, outputs, &mut gradient, &mut losses);
-    let weight = f64::from(loss::DISPLACEMENT_WEIGHT);
-    (weight * losses[0] + losses[1], gradient)
-}
-
-#[test]
-fn the_gradient_of_the_loss_matches_differences_and_ignores_forbidden_users() {
-    let settings = quick();
-    let demonstrations = [Demonstration::new(&settings, 2, None, None).expect("a demonstration")];
-    let (mut batch, mut labels) = (SetBatch::new(FEATURES), Labels::default());
-    let mut rng = Pcg64Mcg::seed_from_u64(1);
-    for _ in 0..40 {
-        let sample = Sample::draw(&demonstrations, &mut rng);
-        let mut encoder = Encoder::default();
-        sample.push(
-            &demonstrations,
-            &settings,
-            &mut encoder,
-            &mut batch,
-            &mut labels,
-        );
-    }
-    assert!(labels.admissible.contains(&false), "nothing is forbidden");
-    let network = SetNetwork::new(settings.architecture, FEATURES, 1);
-    let mut activations = Activations::default();
-    activations.forward(Arch::new(), &network, &batch);
-    let outputs = activations.outputs();
-    let (_, gradient) = loss_of(&labels, &batch, outputs);
-    let h = 1e-2;
-    for user in 0..batch.users() {
-        let at = |shift: f32| {
-            let mut outputs = outputs.clone();
-            outputs.scores[user] += shift;
-            loss_of(&labels, &batch, &outputs).0
-        };
-        let slope = (at(h) - at(-h)) / f64::from(2.0 * h);
-        assert!((slope - f64::from(gradient.scores[user])).abs() < 1e-3);
-        assert!(labels.admissible[user] || gradient.scores[user] == 0.0);
-    }
-    for state in 0..batch.len() {
-        let at = |shift: f32| {
-            let mut outputs = outputs.clone();
-            outputs.displacement[state][1] += shift;
-            loss_of(&labels, &batch, &outputs).0
-        };
-        // The loss bends within a tenth of the way of a slot.
-        let h = 2e-3;
-        let slope = (at(h) - at(-h)) / f64::from(2.0 * h);
-        assert!((slope - f64::from(gradient.displacement[state][1])).abs() < 1e-3);
-    }
 }
 
 fn finished(settings: ImitationSettings, threads: Threads) -> (Vec<f32>, String) {
