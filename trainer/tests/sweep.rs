@@ -152,7 +152,7 @@ fn runs_are_those_of_train_and_the_second_time_there_is_nothing_to_do() {
 fn a_killed_sweep_is_continued_bit_for_bit() {
     let text = sweep_of(
         "scenarios = \"separated\"\nseeds = \"1..3\"\n",
-        "episodes = 24\n",
+        "episodes = 100\n",
     );
     let (whole, killed) = (Folder::new(&text), Folder::new(&text));
     succeed(&mut whole.sweep(&["--jobs", "1"]));
@@ -354,6 +354,10 @@ fn a_slurm_script_executes_every_run() {
     assert!(status.starts_with("5 runs: 5 finished"), "{status}");
     let log = fs::read_to_string(folder.out().join("logs/slurm-7_1.log")).expect("written");
     assert!(log.contains("-s4: finished before, "), "{log}");
+
+    let mut compare = Command::new(cargo_bin("trainer"));
+    let table = succeed(compare.arg("compare").arg(folder.out()));
+    assert!(table.contains(" | 5 | "), "{table}");
 
     // The numbers of a changed file mean other runs, so the old script does nothing.
     fs::write(folder.file(), text.replace("1..5", "0..4")).expect("writable");

@@ -60,7 +60,11 @@ impl SweepResults {
     pub fn read(directory: &Path) -> anyhow::Result<Self> {
         let mut names = Vec::new();
         for entry in fs::read_dir(directory).with_context(|| directory.display().to_string())? {
-            names.push(entry?.file_name());
+            let entry = entry?;
+            // The script for Slurm is beside the runs.
+            if entry.path().is_dir() {
+                names.push(entry.file_name());
+            }
         }
         names.sort();
         let mut unfinished = 0;
