@@ -3,9 +3,10 @@
 
 use std::{
     fs,
+    io::Read,
     os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
-    process::{Command, Output, Stdio},
+    process::{Child, Command, Output, Stdio},
     thread,
     time::{Duration, Instant},
 };
@@ -53,6 +54,17 @@ impl Folder {
 
 fn sweep_of(start: &str, settings: &str) -> String {
     format!("{start}[settings]\n{SETTINGS}{settings}")
+}
+
+/// A process that is killed when the test ends, however it ends.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 fn output(command: &mut Command) -> Output {
@@ -158,7 +170,7 @@ fn a_killed_sweep_is_continued_bit_for_bit() {
     succeed(&mut whole.sweep(&["--jobs", "1"]));
 
     let mut command = killed.sweep(&["--jobs", "1"]);
-    let mut child = command.stdout(Stdio::null()).spawn().expect("starts");
+    let mut child = Running(command.stdout(Stdio::null()).spawn().expect("starts"));
     // The second run has begun and has a checkpoint after its start.
     let end = Instant::now() + Duration::from_secs(120);
     let metrics = || {
@@ -172,8 +184,8 @@ fn a_killed_sweep_is_continued_bit_for_bit() {
         assert!(Instant::now() < end, "it does not get there");
         thread::sleep(Duration::from_millis(1));
     }
-    child.kill().expect("killed");
-    child.wait().expect("ended");
+    child.0.kill().expect("killed");
+    child.0.wait().expect("ended");
     let status = succeed(&mut killed.sweep(&["--status"]));
     assert!(
         status.starts_with("3 runs: 1 finished, 0 running, 1 stopped, 0 diverged, 1 not begun"),
@@ -217,19 +229,21 @@ fn a_signal_stops_a_sweep_with_checkpoints() {
     for signal in ["-INT", "-TERM"] {
         let mut command = folder.sweep(&["--jobs", "1"]);
         let child = command.stdout(Stdio::null()).stderr(Stdio::piped());
-        let child = child.spawn().expect("starts");
+        let mut child = Running(child.spawn().expect("starts"));
         let end = Instant::now() + Duration::from_secs(120);
         let running = || succeed(&mut folder.sweep(&["--status"])).contains("(running)");
         while !running() {
             assert!(Instant::now() < end, "it does not begin");
         }
         thread::sleep(Duration::from_millis(500));
-        let process = child.id().to_string();
+        let process = child.0.id().to_string();
         let kill = Command::new("kill").args([signal, &process]).status();
         assert!(kill.expect("starts").success());
-        let output = child.wait_with_output().expect("ends");
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{errors}");
+        let mut errors = String::new();
+        let stderr = child.0.stderr.as_mut().expect("piped");
+        stderr.read_to_string(&mut errors).expect("text");
+        let status = child.0.wait().expect("ends");
+        assert_eq!(status.code(), Some(1), "{errors}");
         assert!(
             errors.contains("interrupted: 0 of 2 runs are finished"),
             "{errors}"
