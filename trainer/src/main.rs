@@ -25,7 +25,6 @@ struct Arguments {
 enum Command {
     /// Train a policy on a scenario
     Train(command::Train),
-    /// Train the product of scenarios, settings and seeds that a file lists, here or on a cluster
     Sweep(command::RunSweep),
     /// Write a checkpoint's best (or latest) policy as ONNX
     Export(command::Export),

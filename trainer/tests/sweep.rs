@@ -448,5 +448,19 @@ fn bad_usage_is_one_line_with_exit_code_2() {
         assert_eq!((code, errors.lines().count()), (2, 1), "{errors}");
         assert!(errors.contains(expected), "{errors}");
     }
+    for (arguments, expected) in [
+        (
+            ["--submit", "--engine=local"],
+            "--submit is for --engine slurm",
+        ),
+        (
+            ["--jobs=2", "--engine=slurm"],
+            "--jobs is for --engine local",
+        ),
+    ] {
+        let (code, errors) = fail(&mut folder.sweep(&arguments));
+        assert_eq!((code, errors.lines().count()), (2, 1), "{errors}");
+        assert!(errors.contains(expected), "{errors}");
+    }
     assert!(!folder.out().exists());
 }

@@ -27,12 +27,13 @@ use trainer::sweep::{
 
 use super::outcome::{Failure, Outcome};
 
-/// Trains the product of scenarios, settings and seeds that a file lists (docs/sweeps.md). Finished
-/// runs are skipped and stopped ones are resumed, so the same command continues a sweep.
+/// Train the product of scenarios, settings and seeds that a file lists, here or on a cluster
 ///
-/// The results are in OUT/NAME; `trainer compare OUT` prints their table. Exit code 1: a run failed or
-/// the sweep is not complete.
+/// Finished runs are skipped and stopped ones are resumed, so the same command continues a sweep. Each
+/// run has a directory DIR/NAME with the files of `trainer train`; `trainer compare DIR` prints the
+/// table of all. Exit code 1: a run failed or is not finished; 2: bad usage or a wrong file.
 #[derive(Debug, Args)]
+#[command(after_long_help = EXAMPLE)]
 pub(crate) struct RunSweep {
     /// The file that describes the sweep
     file: PathBuf,
@@ -43,7 +44,7 @@ pub(crate) struct RunSweep {
     #[arg(long, value_enum, default_value = "local")]
     engine: Engine,
     /// Number of runs at the same time, with --engine local [default: number of cores]
-    #[arg(long, value_name = "N", conflicts_with = "task")]
+    #[arg(long, value_name = "N", conflicts_with_all = ["task", "status", "dry_run"])]
     jobs: Option<NonZeroUsize>,
     /// The program `hq`, with --engine hyperqueue
     #[arg(long, value_name = "PROGRAM", default_value = "hq")]
@@ -79,11 +80,23 @@ enum Engine {
     Slurm,
 }
 
+/// A file for the help; docs/sweeps.md has all fields.
+const EXAMPLE: &str = "\
+A file with 2 x 2 x 3 = 12 runs (docs/sweeps.md describes all fields):
+
+    scenarios = [\"separated\", \"mixed\"]
+    seeds = \"1..3\"
+    preset = \"tuned\"
+    [settings]
+    learning_rate = [1e-3, 3e-4]
+    [slurm]
+    time_limit = \"02:00:00\"";
 /// At most this many runs are listed at the end.
 const LISTED_MAX: usize = 20;
 
 impl RunSweep {
     pub(crate) fn execute(self) -> Outcome {
+        self.check_options().map_err(Failure::BadInput)?;
         let sweep = Sweep::load(&self.file, self.out.as_deref()).map_err(Failure::BadInput)?;
         if self.dry_run {
             return dry_run(&sweep);
@@ -109,6 +122,19 @@ impl RunSweep {
             Engine::Hyperqueue => self.submit_to_hyperqueue(&sweep, &unfinished),
             Engine::Slurm => self.write_for_slurm(&sweep, &unfinished),
         }
+    }
+
+    /// Checks that no option is for another engine.
+    fn check_options(&self) -> anyhow::Result<()> {
+        ensure!(
+            self.jobs.is_none() || self.engine == Engine::Local,
+            "--jobs is for --engine local: another engine decides that itself"
+        );
+        ensure!(
+            !self.submit || self.engine == Engine::Slurm,
+            "--submit is for --engine slurm"
+        );
+        Ok(())
     }
 
     fn execute_task(&self, sweep: &Sweep, task: &str) -> Outcome {

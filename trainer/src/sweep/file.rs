@@ -239,6 +239,16 @@ mod tests {
     }
 
     #[test]
+    fn the_documented_file_is_valid() {
+        let page = include_str!("../../../docs/sweeps.md");
+        let (_, rest) = page.split_once("```toml\n").unwrap();
+        let (text, _) = rest.split_once("```").unwrap();
+        let file = SweepFile::parse(text).unwrap();
+        assert_eq!((file.seeds.len(), file.settings.len()), (3, 2));
+        assert_eq!(file.slurm.running_max, Some(200));
+    }
+
+    #[test]
     fn each_error_names_field_value_and_what_is_right() {
         let cases = [
             ("seeds = 1", "scenarios is missing: it must be the name of"),

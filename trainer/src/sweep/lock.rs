@@ -6,6 +6,7 @@
 
 use std::{
     fs::{File, TryLockError},
+    io,
     path::Path,
 };
 
@@ -19,10 +20,11 @@ pub const LOCK: &str = "run.lock";
 pub struct RunLock(#[expect(dead_code, reason = "it is held, not used")] File);
 
 impl RunLock {
-    /// Locks the run in this directory; returns `None` if another process has locked it.
+    /// Locks the run in this directory; returns `None` if another process has locked it. On a file
+    /// system without locks this only prints a warning.
     ///
     /// # Errors
-    /// Fails if the file cannot be created or if the file system has no locks.
+    /// Fails if the file cannot be created or locked.
     pub fn try_exclusive(directory: &Path) -> anyhow::Result<Option<Self>> {
         let path = directory.join(LOCK);
         let file = File::options().create(true).append(true).open(&path);
@@ -30,6 +32,14 @@ impl RunLock {
         match file.try_lock() {
             Ok(()) => Ok(Some(Self(file))),
             Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {
+                eprintln!(
+                    "warning: {}: the file system has no locks: nothing keeps two processes from \
+                     executing this run at the same time",
+                    path.display()
+                );
+                Ok(Some(Self(file)))
+            }
             Err(TryLockError::Error(error)) => {
                 Err(Error::new(error).context(format!("{}: cannot be locked", path.display())))
             }

@@ -10,7 +10,8 @@
 //! |---|---|
 //! | [`file`] | the file that describes a sweep |
 //! | [`fields`] | reads a table of TOML and names what is wrong |
-//! | [`plan`] | the runs of a sweep: the product, names and settings |
+//! | [`plan`] | the runs of a sweep, with their names, scenarios and settings |
+//! | `choices` | the products of mission and settings |
 //! | [`task`] | executes one run, whatever its state is |
 //! | [`lock`] | excludes other processes from a run |
 //! | [`record`] | the file that marks a run as finished, and the state of a run |
@@ -20,6 +21,7 @@
 //! | [`results`] | the table of a sweep's results |
 
 pub mod array;
+mod choices;
 pub mod fields;
 pub mod file;
 pub mod hyperqueue;
