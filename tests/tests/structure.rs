@@ -343,7 +343,7 @@ fn the_trainer_builds_no_links_and_no_clarabel() {
         names.map(|package| name(&package).to_owned()).collect()
     };
     let (trainer, host_sim) = (tree("trainer"), tree("host-sim"));
-    for foreign in ["clarabel", "ctrlc", "link", "vehicle", "reference"] {
+    for foreign in ["clarabel", "link", "vehicle", "reference"] {
         assert!(!trainer.contains(foreign), "the trainer builds {foreign}");
         assert!(
             host_sim.contains(foreign),

@@ -5,7 +5,7 @@
 //! postcard format. Checkpoints are taken between episodes, so they do not contain the state of the
 //! environments.
 
-use std::{fs, path::Path};
+use std::{fs, io, path::Path};
 
 use anyhow::{Context, bail, ensure};
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -141,6 +141,21 @@ impl<S: DeserializeOwned> Checkpoint<S> {
 pub fn read_progress(path: &Path) -> anyhow::Result<TrainingProgress> {
     let bytes = read_checked(path, MAGIC, VERSION)?;
     peek(&bytes).with_context(|| path.display().to_string())
+}
+
+/// Returns whether a file is a checkpoint of this version whose data are incomplete or changed, as
+/// after a crash of the file system. A file of another kind or version is not damaged.
+///
+/// # Errors
+/// Returns the file system's error.
+pub fn is_damaged(path: &Path) -> io::Result<bool> {
+    let bytes = fs::read(path)?;
+    let Some((header, data)) = bytes.split_first_chunk::<10>() else {
+        return Ok(true);
+    };
+    let is_own = header[..4] == MAGIC && header[4..6] == VERSION.to_le_bytes();
+    let checksum = CHECKSUM.checksum(data).to_le_bytes();
+    Ok(is_own && header[6..] != checksum)
 }
 
 /// Decodes the [`TrainingProgress`] at the start of the data.

@@ -223,7 +223,7 @@ impl LearnerRow {
 
 /// Returns the scenario's name and threshold, and its other differences from the shipped scenario of
 /// that name.
-fn mission_label(scenario: &Scenario) -> String {
+pub(crate) fn mission_label(scenario: &Scenario) -> String {
     let p = scenario.mission.parameters();
     let mut label = format!("{} {:.3}", scenario.name, p.mse_threshold);
     if let Some(shipped) = Scenario::shipped(&scenario.name) {
@@ -250,7 +250,7 @@ const LEARNING_RATES: [&str; 3] = [
 
 /// Returns a label with the algorithm, the preset with the fewest differences (Table I is not
 /// mentioned), and these differences.
-fn label(settings: &TrainingSettings) -> anyhow::Result<String> {
+pub(crate) fn label(settings: &TrainingSettings) -> anyhow::Result<String> {
     let name = settings.algorithm.name().to_uppercase();
     let mut shortest: Option<(String, Vec<(String, String)>)> = None;
     for (preset, known_as) in [(Preset::Paper, ""), (Preset::Tuned, ", tuned")] {

@@ -15,8 +15,10 @@
 //! | [`learner`] | the interface of a learning algorithm |
 //! | [`replay`] | the replay memory |
 //! | [`nn`] | layers, back-propagation, Adam |
+//! | [`overlay`] | settings that a file changes |
 //! | [`training`] | a run: start, resume, train, evaluate, save |
 //! | [`metrics`], [`tensorboard`], [`checkpoint`], [`run`] | the files of a run |
+//! | [`sweep`] | many runs, described by one file, on one machine or on many |
 //! | [`actor`], [`onnx`] | the resulting policy and its files |
 //! | [`evaluate`], [`compare`], [`card`], [`curves`] | evaluation flights, comparison tables, model cards, learning curves |
 
@@ -38,6 +40,7 @@ pub mod learner;
 pub mod metrics;
 pub mod nn;
 pub mod onnx;
+pub mod overlay;
 mod progress_bar;
 pub mod record;
 pub mod reinforcement;
@@ -46,6 +49,7 @@ mod rollout;
 pub mod run;
 pub mod sac;
 pub mod settings;
+pub mod sweep;
 pub mod temperature;
 pub mod tensorboard;
 pub mod training;

@@ -25,6 +25,7 @@ struct Arguments {
 enum Command {
     /// Train a policy on a scenario
     Train(command::Train),
+    Sweep(command::RunSweep),
     /// Write a checkpoint's best (or latest) policy as ONNX
     Export(command::Export),
     /// Write an ONNX policy as a .policy file for the microcontroller
@@ -44,6 +45,7 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Train(train) => train.execute(),
+        Command::Sweep(sweep) => sweep.execute(),
         Command::Export(export) => export.execute(),
         Command::Convert(convert) => convert.execute(),
         Command::Evaluate(evaluate) => evaluate.execute(),

@@ -2,7 +2,14 @@
 //!
 //! [`crate::run`] describes the files that a run writes.
 
-use std::{path::PathBuf, sync::Arc, time::Instant};
+use std::{
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Instant,
+};
 
 use anyhow::{Context, bail, ensure};
 use environment::Environment;
@@ -37,6 +44,7 @@ pub struct Training<L: Learner> {
     rollout: Rollout,
     learner: L,
     replay: Replay,
+    stop: Option<Arc<AtomicBool>>,
 }
 
 impl<L: Learner> Training<L> {
@@ -147,7 +155,20 @@ impl<L: Learner> Training<L> {
             replay,
             scenario,
             directory,
+            stop: None,
         }
+    }
+
+    /// Ends the run after the episode in which this flag is set, with a checkpoint.
+    pub fn stopped_by(mut self, flag: Arc<AtomicBool>) -> Self {
+        self.stop = Some(flag);
+        self
+    }
+
+    /// Returns whether the run was asked to end.
+    fn is_stopped(&self) -> bool {
+        let stop = self.stop.as_ref();
+        stop.is_some_and(|flag| flag.load(Ordering::Relaxed))
     }
 
     /// Returns the progress of the run.
@@ -155,8 +176,8 @@ impl<L: Learner> Training<L> {
         &self.progress
     }
 
-    /// Trains until the run is complete and returns its final progress, which contains the best
-    /// policy.
+    /// Trains until the run is complete, or until it is [stopped](Self::stopped_by), and returns its
+    /// progress, which contains the best policy.
     ///
     /// # Errors
     /// Fails if a loss diverges or if a file cannot be written.
@@ -204,9 +225,13 @@ impl<L: Learner> Training<L> {
             }
             bar.set_position(after.into());
             bar.set_message(message(&self.progress, speed));
-            if due(settings.checkpoint_every) {
+            let stopped = self.is_stopped();
+            if due(settings.checkpoint_every) || stopped {
                 self.save()?;
                 events.flush()?;
+            }
+            if stopped {
+                break;
             }
         }
         bar.finish();

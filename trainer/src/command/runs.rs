@@ -14,6 +14,7 @@ use trainer::{
     metrics::{EVALUATION, SUM_RATE},
     onnx,
     run::{CHECKPOINT, Run},
+    sweep::results::{SweepResults, is_sweep},
 };
 
 use super::outcome::{Failure, Outcome, write};
@@ -83,7 +84,8 @@ impl Publish {
 
 #[derive(Debug, Args)]
 pub(crate) struct Compare {
-    /// The directories of the runs
+    /// The directories of the runs, or the one directory of a sweep, whose table has a row for each
+    /// scenario and choice of settings over the seeds
     #[arg(required = true)]
     runs: Vec<PathBuf>,
     /// Write the table to this document, between <!-- NAME --> and <!-- /NAME -->
@@ -99,17 +101,46 @@ pub(crate) struct Compare {
 
 impl Compare {
     pub(crate) fn execute(self) -> Outcome {
-        let comparison = Comparison::of(&self.runs).map_err(Failure::BadInput)?;
-        let table = comparison.markdown();
-        match (&self.into, &self.name) {
-            (Some(path), Some(name)) => document::write_table(path, name, &table)
-                .map_err(|problem| Failure::BadInput(Error::msg(problem)))?,
-            _ => print!("{table}"),
+        if let Some(directory) = self.runs.iter().find(|directory| is_sweep(directory)) {
+            return self.compare_sweep(directory).map_err(Failure::BadInput);
         }
+        let comparison = Comparison::of(&self.runs).map_err(Failure::BadInput)?;
+        self.write(&comparison.markdown())
+            .map_err(Failure::BadInput)?;
         if self.check {
             comparison.check().map_err(Failure::Failed)?;
         }
         Ok(())
+    }
+
+    fn compare_sweep(&self, directory: &Path) -> anyhow::Result<()> {
+        let place = directory.display();
+        ensure!(
+            self.runs.len() == 1,
+            "{place} is the directory of a sweep, which is compared alone"
+        );
+        ensure!(
+            !self.check,
+            "{place} is the directory of a sweep: --check compares runs, {place}/*"
+        );
+        let results = SweepResults::read(directory)?;
+        self.write(&results.markdown())?;
+        if results.unfinished > 0 {
+            eprintln!("{} runs are not finished", results.unfinished);
+        }
+        Ok(())
+    }
+
+    fn write(&self, table: &str) -> anyhow::Result<()> {
+        match (&self.into, &self.name) {
+            (Some(path), Some(name)) => {
+                document::write_table(path, name, table).map_err(Error::msg)
+            }
+            _ => {
+                print!("{table}");
+                Ok(())
+            }
+        }
     }
 }
 

@@ -16,6 +16,7 @@ use trainer::{
     ddpg::Ddpg,
     imitation::settings::ImitationSettings,
     learner::Learner,
+    overlay::overlay,
     reinforcement::settings::ReinforcementSettings,
     run::{CHECKPOINT, POLICY, Run, has_run},
     sac::Sac,
@@ -26,7 +27,6 @@ use trainer::{
 use super::{
     imitate::ImitationOptions,
     outcome::{Failure, Outcome},
-    overlay::overlay,
 };
 
 #[derive(Debug, Args)]

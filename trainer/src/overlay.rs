@@ -3,7 +3,10 @@
 use serde::{Serialize, de::DeserializeOwned};
 
 /// Returns the settings with the values that a table contains replaced; in a table within it, too.
-pub(super) fn overlay<S: Serialize + DeserializeOwned>(
+///
+/// # Errors
+/// Fails if a name is unknown or if a value has another type.
+pub fn overlay<S: Serialize + DeserializeOwned>(
     settings: &S,
     changes: toml::Table,
 ) -> anyhow::Result<S> {
