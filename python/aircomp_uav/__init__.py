@@ -9,6 +9,7 @@ programs in Python:
 * :class:`Mission`, :class:`Random`: missions from files, names, dictionaries, or at random;
 * :func:`solve_slots`: the exact power allocation of many slots;
 * :func:`certified_bound`: what no mission can exceed, and a mission that comes close;
+* :func:`benchmark`: a policy on many missions, as fractions of certified bounds;
 * :class:`Planner`, :func:`load_policy`, :func:`fly`: plans, policies and flights.
 
 >>> import gymnasium, aircomp_uav
@@ -23,6 +24,7 @@ from __future__ import annotations
 from ._native import SENSORS_MAX, SHIPPED, USERS_MAX, Mission, Planner, Policy, __version__
 from ._register import ENVIRONMENT_ID, register
 from .allocation import SlotSolutions, solve_slots
+from .benchmark import BENCHMARK_MISSIONS, BenchmarkResult, benchmark
 from .bounds import CertifiedBound, certified_bound
 from .environment import MissionEnv
 from .flight import Flight, fly
@@ -33,10 +35,12 @@ from .vector import MissionVectorEnv
 register()
 
 __all__ = [
+    "BENCHMARK_MISSIONS",
     "ENVIRONMENT_ID",
     "SENSORS_MAX",
     "SHIPPED",
     "USERS_MAX",
+    "BenchmarkResult",
     "CertifiedBound",
     "Flight",
     "Mission",
@@ -48,6 +52,7 @@ __all__ = [
     "Random",
     "SlotSolutions",
     "__version__",
+    "benchmark",
     "certified_bound",
     "fly",
     "load_mission",

@@ -7,6 +7,7 @@
 //! | `batch` | `Batch`: many episodes that are stepped together |
 //! | `slots` | `solve_slots`: the exact allocation of many slots |
 //! | `bound` | `certified_bound` |
+//! | `benchmark` | policies on many missions, as fractions of certified bounds |
 //! | `planner` | `Planner` |
 //! | `policy`, `flight` | `Policy`, and `fly`: a policy on the ideal vehicle |
 //! | `arrays` | NumPy arrays as slices |
@@ -17,6 +18,7 @@
 
 mod arrays;
 mod batch;
+mod benchmark;
 mod bound;
 mod flight;
 mod interrupt;
@@ -38,6 +40,11 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<batch::Batch>()?;
     module.add_class::<planner::Planner>()?;
     module.add_class::<policy::Policy>()?;
+    module.add_class::<benchmark::BenchmarkBounds>()?;
+    module.add_class::<benchmark::BenchmarkFlights>()?;
+    module.add("HAS_TRACT", cfg!(feature = "onnx"))?;
+    module.add_function(wrap_pyfunction!(benchmark::benchmark_missions, module)?)?;
+    module.add_function(wrap_pyfunction!(benchmark::benchmark_fly, module)?)?;
     module.add_function(wrap_pyfunction!(slots::solve_slots, module)?)?;
     module.add_function(wrap_pyfunction!(bound::certified_bound, module)?)?;
     module.add_function(wrap_pyfunction!(policy::load_policy, module)?)?;
