@@ -10,6 +10,7 @@ programs in Python:
 * :func:`solve_slots`: the exact power allocation of many slots;
 * :func:`certified_bound`: what no mission can exceed, and a mission that comes close;
 * :func:`benchmark`: a policy on many missions, as fractions of certified bounds;
+* :func:`export_onnx`: trained policies as files that the vehicle flies;
 * :class:`Planner`, :func:`load_policy`, :func:`fly`: plans, policies and flights.
 
 >>> import gymnasium, aircomp_uav
@@ -27,6 +28,7 @@ from .allocation import SlotSolutions, solve_slots
 from .benchmark import BENCHMARK_MISSIONS, BenchmarkResult, benchmark
 from .bounds import CertifiedBound, certified_bound
 from .environment import MissionEnv
+from .export import DenseLayer, export_onnx
 from .flight import Flight, fly
 from .missions import Random, load_mission
 from .policies import OnnxPolicy, load_policy
@@ -42,6 +44,7 @@ __all__ = [
     "USERS_MAX",
     "BenchmarkResult",
     "CertifiedBound",
+    "DenseLayer",
     "Flight",
     "Mission",
     "MissionEnv",
@@ -54,6 +57,7 @@ __all__ = [
     "__version__",
     "benchmark",
     "certified_bound",
+    "export_onnx",
     "fly",
     "load_mission",
     "load_policy",

@@ -197,6 +197,18 @@ def benchmark_missions(directory: str | os.PathLike[str]) -> list[Mission]: ...
 def benchmark_fly(
     missions: list[Mission], policy: str, *, profile: str = "ideal", jobs: int = 1
 ) -> BenchmarkFlights: ...
+def write_onnx(
+    mission: Mission,
+    layers: list[tuple[Singles, Singles]],
+    *,
+    activation: str,
+    displacement: str,
+    scores: str | None,
+    normalize: bool,
+    algorithm: str,
+    episodes: int,
+    seed: int,
+) -> bytes: ...
 def load_policy(path: str | os.PathLike[str]) -> Policy: ...
 def solve_slots(
     sensor_gains: Floats, user_gains: Floats, limits: Floats, threads: int | None = None

@@ -10,6 +10,7 @@
 //! | `benchmark` | policies on many missions, as fractions of certified bounds |
 //! | `planner` | `Planner` |
 //! | `policy`, `flight` | `Policy`, and `fly`: a policy on the ideal vehicle |
+//! | `export` | networks as `.onnx` files |
 //! | `arrays` | NumPy arrays as slices |
 //! | `interrupt` | long calls that Ctrl-C ends |
 //! | `threads` | the threads of parallel calls |
@@ -20,6 +21,7 @@ mod arrays;
 mod batch;
 mod benchmark;
 mod bound;
+mod export;
 mod flight;
 mod interrupt;
 mod mission;
@@ -45,6 +47,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("HAS_TRACT", cfg!(feature = "onnx"))?;
     module.add_function(wrap_pyfunction!(benchmark::benchmark_missions, module)?)?;
     module.add_function(wrap_pyfunction!(benchmark::benchmark_fly, module)?)?;
+    module.add_function(wrap_pyfunction!(export::write_onnx, module)?)?;
     module.add_function(wrap_pyfunction!(slots::solve_slots, module)?)?;
     module.add_function(wrap_pyfunction!(bound::certified_bound, module)?)?;
     module.add_function(wrap_pyfunction!(policy::load_policy, module)?)?;

@@ -212,7 +212,7 @@ impl HostPolicy {
 
     fn read_policy(file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {
         match format_version(&file).map_err(|error| error.to_string())? {
-            mlp::FORMAT_VERSION => {
+            mlp::FORMAT_VERSION | mlp::FORMAT_VERSION_FUNCTIONS => {
                 let policy = Mlp::load(file).map_err(|error| error.to_string())?;
                 Ok(Self::Mlp(Box::new(policy)))
             }
@@ -224,9 +224,10 @@ impl HostPolicy {
                 Self::for_any_mission(network, scenario)
             }
             other => Err(format!(
-                "format version is {other}, but this build reads {} and {}",
+                "format version is {other}, but this build reads {}, {} and {}",
                 mlp::FORMAT_VERSION,
-                sets::FORMAT_VERSION
+                sets::FORMAT_VERSION,
+                mlp::FORMAT_VERSION_FUNCTIONS
             )),
         }
     }
