@@ -6,6 +6,7 @@
 //! | [`doctor`], [`upload`], [`watch`] | clients of an autopilot without setpoints |
 //! | [`serve`] | the built-in vehicle as a separate process |
 //! | [`report`] | the files and pages made from the record of a flight |
+//! | [`flight_log`] | the record of a flight as an MCAP file, for Foxglove |
 //! | [`experiment`], [`benchmark`] | the figures of the paper; policies on many missions |
 //! | [`interrupt`] | ctrl-C |
 //!
@@ -16,6 +17,7 @@
 pub mod benchmark;
 pub mod doctor;
 pub mod experiment;
+pub mod flight_log;
 pub mod interrupt;
 pub mod report;
 pub mod serve;
