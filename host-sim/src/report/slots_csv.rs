@@ -68,7 +68,7 @@ pub(super) fn csv(record: &FlightRecord) -> io::Result<Vec<u8>> {
 
 /// Returns what is added to the row of a slot, where the world is not known exactly.
 pub(crate) fn knowledge(record: &FlightRecord, slot: &SlotRecord) -> Option<Knowledge> {
-    (!record.scenario.uncertainty.is_none()).then(|| Knowledge {
+    (!record.scenario.uncertainty.is_none()).then_some(Knowledge {
         perfect_rate_bit_s_hz: slot.perfect_rate,
         empirical_mse_standard_error: slot.signals.standard_error,
         at_error_floor: slot.at_error_floor,
