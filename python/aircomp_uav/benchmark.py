@@ -89,7 +89,8 @@ def benchmark(
     A function, or an object with a method ``predict``, flies through :class:`MissionEnv` with the
     shield, the exact allocation and the ideal vehicle. Shield, channel, allocation, bounds and
     statistics are the same code; what differs is that positions do not pass through MAVLink messages,
-    which carry them in single precision. The sum of rates is the same to about 1e-6 of itself.
+    which carry them in single precision. That changes the sum of rates by about 1e-6 of itself, and by
+    3e-5 where a network is steep.
 
     Args:
         policy: What ``host-sim benchmark --policy`` takes: ``plan``, ``plan-once``, ``plan-once:SECONDS``,
