@@ -30,12 +30,13 @@ fuzz_target!(|data: &[u8]| {
     let Some((&first, rest)) = data.split_first() else {
         return;
     };
-    match first % 4 {
+    match first % 5 {
         0 => {
             for_one_mission(rest.to_vec());
             for_any_mission(rest.to_vec());
         }
         1 => for_one_mission(sealed(mlp::FORMAT_VERSION, rest)),
+        3 => for_one_mission(sealed(mlp::FORMAT_VERSION_FUNCTIONS, rest)),
         2 => for_any_mission(sealed(sets::FORMAT_VERSION, rest)),
         _ => with_weights(rest),
     }

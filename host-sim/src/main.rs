@@ -28,7 +28,7 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Fly one mission and write its report (default command)
-    Run(run::RunArguments),
+    Run(Box<run::RunArguments>),
     /// Run the built-in vehicle as a separate process that speaks MAVLink
     Vehicle(vehicle::VehicleArguments),
     /// Plan the whole mission and upload it to an autopilot
@@ -56,7 +56,9 @@ enum Command {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let command = arguments.command.unwrap_or(Command::Run(arguments.run));
+    let command = arguments
+        .command
+        .unwrap_or(Command::Run(Box::new(arguments.run)));
     let outcome = match command {
         Command::Run(arguments) => run::execute(&arguments),
         Command::Vehicle(arguments) => vehicle::execute(&arguments),

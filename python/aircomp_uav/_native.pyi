@@ -10,6 +10,7 @@ __version__: str
 USERS_MAX: int
 SENSORS_MAX: int
 SHIPPED: list[str]
+HAS_TRACT: bool
 
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
@@ -161,6 +162,53 @@ class Policy:
     @property
     def format_version(self) -> int | None: ...
 
+@final
+class BenchmarkBounds:
+    """The certified bounds of missions."""
+
+    @staticmethod
+    def shipped() -> BenchmarkBounds: ...
+    @staticmethod
+    def read(directory: str | os.PathLike[str]) -> BenchmarkBounds: ...
+    def of(self, mission: Mission) -> tuple[float, float] | None: ...
+    def certify(self, mission: Mission, threads: int | None = None) -> None: ...
+
+@final
+class BenchmarkFlights:
+    """The flights of one policy."""
+
+    def __new__(cls, policy: str) -> BenchmarkFlights: ...
+    @property
+    def policy(self) -> str: ...
+    def add(
+        self,
+        mission: Mission,
+        *,
+        sum_rate: float,
+        violations: int,
+        inaccurate_slots: int,
+        preparation_s: float,
+        decision_us: float,
+    ) -> None: ...
+    def columns(self) -> dict[str, Any]: ...
+    def statistics(self, bounds: BenchmarkBounds) -> dict[str, Any]: ...
+
+def benchmark_missions(directory: str | os.PathLike[str]) -> list[Mission]: ...
+def benchmark_fly(
+    missions: list[Mission], policy: str, *, profile: str = "ideal", jobs: int = 1
+) -> BenchmarkFlights: ...
+def write_onnx(
+    mission: Mission,
+    layers: list[tuple[Singles, Singles]],
+    *,
+    activation: str,
+    displacement: str,
+    scores: str | None,
+    normalize: bool,
+    algorithm: str,
+    episodes: int,
+    seed: int,
+) -> bytes: ...
 def load_policy(path: str | os.PathLike[str]) -> Policy: ...
 def solve_slots(
     sensor_gains: Floats, user_gains: Floats, limits: Floats, threads: int | None = None

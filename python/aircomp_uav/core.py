@@ -43,8 +43,7 @@ def make_batch(
 ) -> tuple[Batch, list[Mission]]:
     """Make the episodes of an environment."""
     missions = load_missions(scenario)
-    if normalize is None:
-        normalize = observation != "sets"
+    _, _, normalize = policy_interface(observation, action, normalize)
     batch = Batch(
         missions,
         count,
@@ -61,6 +60,13 @@ def make_batch(
         threads=threads,
     )
     return batch, missions
+
+
+def policy_interface(
+    observation: str, action: str, normalize: bool | None
+) -> tuple[str, str, bool]:
+    """Return the observation, the action, and whether observations are normalized."""
+    return observation, action, observation != "sets" if normalize is None else normalize
 
 
 def observation_space(batch: Batch, observation: str) -> spaces.Space[Any]:

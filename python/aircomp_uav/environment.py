@@ -99,6 +99,8 @@ class MissionEnv(gymnasium.Env[Any, Any]):
         )
         self._gap = gap_of(bound)
         self._action = action
+        # What `export_onnx` must know of the environment that a policy was trained with.
+        self.policy_interface = core.policy_interface(observation, action, normalize)
         self.render_mode = render_mode
         self.observation_space = core.observation_space(self._batch, observation)
         self.action_space = core.action_space(self._batch, action, directions)

@@ -89,20 +89,28 @@ def fly(
     if isinstance(policy, OnnxPolicy):
         policy.check(mission)
         return _fly_onnx(mission, policy, inner)
+    return fly_in_environment(mission, decision_function(policy), inner, environment)
+
+
+def decision_function(policy: Any) -> Callable[[Any], Any]:
+    """Return the function from an observation to an action of a policy in Python.
+
+    Raises:
+        TypeError: It is neither a function nor an object with ``predict``.
+    """
     if hasattr(policy, "predict"):
         predict = policy.predict
 
         def decide(observation: Any) -> Any:
             return predict(observation, deterministic=True)[0]
 
-    elif callable(policy):
-        decide = policy
-    else:
-        raise TypeError(
-            f"policy is a {type(policy).__name__}, but must be a name, a file, a policy, a "
-            "function or an object with a method predict"
-        )
-    return _fly_in_environment(mission, decide, inner, environment)
+        return decide
+    if callable(policy):
+        return policy
+    raise TypeError(
+        f"policy is a {type(policy).__name__}, but must be a name, a file, a policy, a "
+        "function or an object with a method predict"
+    )
 
 
 def _native_flight(
@@ -120,12 +128,13 @@ def _fly_onnx(mission: Mission, policy: OnnxPolicy, inner: str) -> Flight:
         return np.concatenate([displacement / np.float32(reach_m), scores])
 
     arguments = {"observation": policy.observation, "action": "box", "normalize": False}
-    return _fly_in_environment(mission, decide, inner, arguments)
+    return fly_in_environment(mission, decide, inner, arguments)
 
 
-def _fly_in_environment(
+def fly_in_environment(
     mission: Mission, decide: Callable[[Any], Any], inner: str, arguments: dict[str, Any]
 ) -> Flight:
+    """Fly a function from an observation to an action through the environment."""
     from .environment import MissionEnv
 
     env = MissionEnv(scenario=mission, inner=inner, **arguments)

@@ -65,7 +65,7 @@ pub(crate) fn load_policy(path: PathBuf) -> PyResult<Policy> {
 
 fn read(file: Vec<u8>) -> Result<Kind, String> {
     match format_version(&file).map_err(|error| error.to_string())? {
-        mlp::FORMAT_VERSION => {
+        mlp::FORMAT_VERSION | mlp::FORMAT_VERSION_FUNCTIONS => {
             let policy = Mlp::load(file).map_err(|error| error.to_string())?;
             Ok(Kind::OneMission(Box::new(policy)))
         }
@@ -75,9 +75,10 @@ fn read(file: Vec<u8>) -> Result<Kind, String> {
             Ok(Kind::AnyMission(Box::new(network)))
         }
         other => Err(format!(
-            "format version is {other}, but this build reads {} and {}",
+            "format version is {other}, but this build reads {}, {} and {}",
             mlp::FORMAT_VERSION,
-            sets::FORMAT_VERSION
+            sets::FORMAT_VERSION,
+            mlp::FORMAT_VERSION_FUNCTIONS
         )),
     }
 }
@@ -116,7 +117,7 @@ impl Policy {
     #[getter]
     fn format_version(&self) -> Option<u16> {
         match *self.kind {
-            Kind::OneMission(_) => Some(mlp::FORMAT_VERSION),
+            Kind::OneMission(ref policy) => Some(policy.header().functions.format_version()),
             Kind::AnyMission(_) => Some(sets::FORMAT_VERSION),
             _ => None,
         }

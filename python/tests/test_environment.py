@@ -104,7 +104,7 @@ def test_directions_are_counterclockwise_from_the_east() -> None:
 
 
 def with_mission(tables: dict[str, object]) -> dict[str, object]:
-    import tomllib
+    tomllib = pytest.importorskip("tomllib")  # Python 3.11
 
     scenario = tomllib.loads(Mission.shipped("separated").to_toml())
     scenario["mission"].update(tables)

@@ -34,6 +34,33 @@ fn refused(arguments: &[&str], expected: &[&str]) {
     assert!(!out.exists(), "something was left behind");
 }
 
+/// A policy file that is missing is no policy that fits no mission.
+#[test]
+fn a_benchmark_names_a_missing_policy() {
+    let output = program("host-sim")
+        .current_dir(repository())
+        .args(["benchmark", "--first", "1", "--policy", "missing.policy"])
+        .assert()
+        .code(2)
+        .get_output()
+        .clone();
+    let complaint = String::from_utf8(output.stderr).unwrap();
+    let expected = "error: --policy missing.policy: No such file";
+    assert!(complaint.starts_with(expected), "{complaint}");
+    assert_eq!(complaint.lines().count(), 1, "{complaint}");
+    assert!(output.stdout.is_empty());
+}
+
+/// A log that cannot be written is refused before the flight.
+#[test]
+fn a_flight_log_that_cannot_be_written_is_named() {
+    let expected = "error: --mcap nowhere/flight.mcap: No such file";
+    refused(&["run", "--mcap", "nowhere/flight.mcap"], &[expected]);
+    let folder = tempdir().unwrap();
+    let path = folder.path().to_str().unwrap();
+    refused(&["run", "--mcap", path], &[path, "is a directory"]);
+}
+
 /// A scenario with one thing changed.
 fn scenario_with(folder: &Path, old: &str, new: &str) -> String {
     let text = fs::read_to_string(repository().join("scenarios/separated.toml")).unwrap();

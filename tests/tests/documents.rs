@@ -76,7 +76,9 @@ fn documents_name_what_exists() {
             let is_item = parts.len() > 1 && parts.iter().all(|part| is_word(part));
             let first = quoted.split('/').next().unwrap_or_default();
             let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./".contains(letter);
+            // What begins with a slash is a topic of a flight log.
             let is_path = quoted.contains('/')
+                && !first.is_empty()
                 && quoted.chars().all(is_plain)
                 && !["target", "out"].contains(&first)
                 && root.join(first).is_dir();

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use firmware_core::policy::{
     Provenance,
-    mlp::{self, Header},
+    mlp::{self, Activation, Functions, Header, Limit},
 };
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -70,15 +70,20 @@ impl Dense {
 }
 
 /// A deterministic policy from raw observations to a displacement in metres and user scores:
-/// `[u_x, u_y, scores..] = layers((observation - offset) * scale)`, displacement `reach tanh(u)`.
+/// `[u_x, u_y, scores..] = layers((observation - offset) * scale)`, displacement `reach tanh(u)`. Actors
+/// of other trainers may have other [`Functions`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Actor {
     /// The mission that it was trained for, and how.
     pub provenance: Provenance,
     /// The normalization of raw observations.
     pub normalizer: Normalizer,
-    /// The layers, with ReLU between them; the last one returns `u` and the scores.
+    /// The layers; the last one returns `u` and the scores.
     pub layers: Vec<Dense>,
+    /// The functions between the layers and after `u`. Checkpoints do not state them: what is trained
+    /// here has the default, ReLU and `tanh`.
+    #[serde(skip)]
+    pub functions: Functions,
     /// `V_max delta`, metres.
     pub reach_m: f32,
 }
@@ -119,6 +124,7 @@ impl Actor {
             },
             normalizer: Normalizer::of_mission(mission),
             layers,
+            functions: Functions::default(),
             reach_m: mission.reach_m() as f32,
         }
     }
@@ -142,16 +148,25 @@ impl Actor {
                 .map(|(row, &bias)| {
                     let products = row.iter().zip(&x).map(|(&w, x)| f64::from(w) * x);
                     let z = products.sum::<f64>() + f64::from(bias);
-                    if index + 1 < self.layers.len() {
-                        z.max(0.0)
-                    } else {
-                        z
+                    match self.functions.activation {
+                        _ if index + 1 == self.layers.len() => z,
+                        Activation::Relu => z.max(0.0),
+                        Activation::Tanh => z.tanh(),
                     }
                 })
                 .collect();
         }
+        let limited = |limit, x: f64| match limit {
+            Limit::Tanh => x.tanh(),
+            Limit::Clip => x.clamp(-1.0, 1.0),
+        };
         for u in &mut x[..2] {
-            *u = f64::from(self.reach_m) * u.tanh();
+            *u = f64::from(self.reach_m) * limited(self.functions.displacement, *u);
+        }
+        if let Some(limit) = self.functions.scores {
+            for score in &mut x[2..] {
+                *score = limited(limit, *score);
+            }
         }
         x
     }
@@ -207,6 +222,7 @@ impl Actor {
         })?;
         let header = Header {
             provenance: self.provenance.clone(),
+            functions: self.functions,
             reach_m: self.reach_m,
             sizes,
         };

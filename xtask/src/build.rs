@@ -143,7 +143,7 @@ fn is_for_any_mission(policy: &Path) -> Result<bool> {
     let name = || policy.display().to_string();
     let file = fs::read(policy).with_context(name)?;
     match format_version(&file).with_context(name)? {
-        mlp::FORMAT_VERSION => Ok(false),
+        mlp::FORMAT_VERSION | mlp::FORMAT_VERSION_FUNCTIONS => Ok(false),
         sets::FORMAT_VERSION => Ok(true),
         other => bail!("{}: format version {other} is not known", name()),
     }

@@ -62,7 +62,8 @@ pub fn probe(folder: &Path) -> io::Result<()> {
     hidden(folder).map(drop)
 }
 
-fn folder(path: &Path) -> &Path {
+/// Returns the folder of a file.
+pub fn folder(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if folder != Path::new("") => folder,
         _ => Path::new("."),

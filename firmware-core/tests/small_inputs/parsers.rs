@@ -179,6 +179,7 @@ fn policy_file() -> Vec<u8> {
             episodes: 1,
             seed: 1,
         },
+        functions: Default::default(),
         reach_m: 30.0,
         sizes: FixedVec::from_slice(&[5, 2, 3]).expect("short"),
     };

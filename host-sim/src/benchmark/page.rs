@@ -10,7 +10,9 @@ use figures::{
 use scenario::Scenario;
 use vehicle::Profile;
 
-use super::{Bounds, COUNTED_GAP, Flown, Table, statistics::shares};
+use simulation::benchmark::{Bounds, COUNTED_GAP, Flown, shares};
+
+use super::Table;
 
 const TITLE: &str = "Policies against certified bounds";
 /// The number of missions in the list of the smallest fractions.

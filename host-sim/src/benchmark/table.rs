@@ -1,8 +1,8 @@
 //! Tables of statistics, for the terminal, for documents and for pages.
 
-use super::{ChangeStatistics, GroupStatistics, PolicyStatistics};
 use figures::markup::{Element, element};
 use scenario::EventKind;
+use simulation::benchmark::{ChangeStatistics, GroupStatistics, PolicyStatistics};
 
 /// A table with one row per policy, or per policy and group of missions or kind of change.
 #[derive(Clone, Debug, PartialEq)]

@@ -129,22 +129,6 @@ impl BenchmarkArguments {
     }
 }
 
-/// Checks that the files and directories of the policies exist: otherwise each mission would count
-/// as one that the policy does not fit.
-fn check_files(policies: &[PolicyChoice]) -> Result<(), Failure> {
-    let paths = policies.iter().filter_map(|policy| match policy {
-        PolicyChoice::File(path) | PolicyChoice::Trained(path) | PolicyChoice::Waypoints(path) => {
-            Some(path)
-        }
-        _ => None,
-    });
-    for path in paths {
-        std::fs::metadata(path)
-            .map_err(|error| Failure::bad_input(format!("--policy {}: {error}", path.display())))?;
-    }
-    Ok(())
-}
-
 /// Flies the policies and prints the table of statistics, or computes the missing bounds.
 pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     let mut scenarios = benchmark::missions(&arguments.missions).map_err(Failure::bad_input)?;
@@ -168,7 +152,11 @@ pub(crate) fn execute(arguments: &BenchmarkArguments) -> Result<(), Failure> {
     } else {
         &arguments.policy
     };
-    check_files(policies)?;
+    for policy in policies {
+        policy.check_path().map_err(|(path, error)| {
+            Failure::bad_input(format!("--policy {}: {error}", path.display()))
+        })?;
+    }
     if let Some(count) = arguments.changes {
         return pool.install(|| fly_changes(arguments, policies, &scenarios, count.into()));
     }

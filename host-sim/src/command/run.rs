@@ -263,6 +263,7 @@ fn prepare(
     scenario: &Scenario,
     policy: String,
 ) -> Result<(Prepared, ClientSettings), Failure> {
+    arguments.output.check_mcap()?;
     report::prepare(&arguments.output.out)
         .map_err(|error| Failure::bad_input(format!("--out: {error}")))?;
     let settings = FlightSettings {

@@ -10,7 +10,9 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use crate::record::{FlightNotes, FlightRecord, LinkRecord, PathSample, SignalRecord, SlotRecord};
+use crate::record::{
+    FlightNotes, FlightRecord, FlightTimes, LinkRecord, PathSample, SignalRecord, SlotRecord,
+};
 use scenario::{Events, Scenario};
 
 const SYMBOLS: u32 = 334;
@@ -83,6 +85,12 @@ pub(crate) fn straight_line(scenario: Scenario, seed: u64) -> FlightRecord {
         changes: Events::default(),
         ignores_errors: false,
         events: Vec::new(),
+        times: FlightTimes {
+            slots_s: (1..=p.slots)
+                .map(|slot| f64::from(slot) * p.slot_duration_s)
+                .collect(),
+            ..FlightTimes::default()
+        },
         completed: true,
         ended: "landed".into(),
         notes: FlightNotes::default(),

@@ -20,11 +20,11 @@ mod map;
 mod page;
 mod schedule;
 mod series;
-mod slots_csv;
+pub(crate) mod slots_csv;
 mod table;
 
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 #[cfg(test)]
 mod tests;
 

@@ -13,7 +13,7 @@ use crate::record::{FlightRecord, SlotRecord};
 
 /// A row. The field names are the column names.
 #[derive(Serialize)]
-struct Row {
+pub(crate) struct Row {
     slot: u32,
     planned_east_m: f64,
     planned_north_m: f64,
@@ -44,7 +44,7 @@ struct Row {
 
 /// What is added to a row where the world is not known exactly.
 #[derive(Serialize)]
-struct Knowledge {
+pub(crate) struct Knowledge {
     perfect_rate_bit_s_hz: Option<f64>,
     empirical_mse_standard_error: f64,
     at_error_floor: bool,
@@ -55,15 +55,9 @@ pub(super) fn csv(record: &FlightRecord) -> io::Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for slot in &record.slots {
         let row = row(record, slot);
-        let written = if record.scenario.uncertainty.is_none() {
-            writer.serialize(row)
-        } else {
-            let knowledge = Knowledge {
-                perfect_rate_bit_s_hz: slot.perfect_rate,
-                empirical_mse_standard_error: slot.signals.standard_error,
-                at_error_floor: slot.at_error_floor,
-            };
-            writer.serialize((row, knowledge))
+        let written = match knowledge(record, slot) {
+            None => writer.serialize(row),
+            Some(knowledge) => writer.serialize((row, knowledge)),
         };
         written.map_err(io::Error::from)?;
     }
@@ -72,7 +66,17 @@ pub(super) fn csv(record: &FlightRecord) -> io::Result<Vec<u8>> {
         .map_err(|error| io::Error::other(error.to_string()))
 }
 
-fn row(record: &FlightRecord, slot: &SlotRecord) -> Row {
+/// Returns what is added to the row of a slot, where the world is not known exactly.
+pub(crate) fn knowledge(record: &FlightRecord, slot: &SlotRecord) -> Option<Knowledge> {
+    (!record.scenario.uncertainty.is_none()).then_some(Knowledge {
+        perfect_rate_bit_s_hz: slot.perfect_rate,
+        empirical_mse_standard_error: slot.signals.standard_error,
+        at_error_floor: slot.at_error_floor,
+    })
+}
+
+/// Returns the row of a slot.
+pub(crate) fn row(record: &FlightRecord, slot: &SlotRecord) -> Row {
     Row {
         slot: slot.slot,
         planned_east_m: slot.planned.x,

@@ -4,17 +4,22 @@ use anyhow::{Context, bail, ensure};
 use environment::Normalizer;
 
 use crate::actor::Dense;
+use firmware_core::policy::mlp::{Activation, Limit};
 
 /// A value of the graph, as a function of the observation.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Folded {
     /// The normalization of the observation.
     pub(super) normalizer: Normalizer,
-    /// The layers that are followed by ReLU.
+    /// The layers that are followed by an activation.
     pub(super) hidden: Vec<Dense>,
-    /// The layer after them, which is not followed by ReLU.
+    /// The activation of the hidden layers, if there are any.
+    pub(super) activation: Option<Activation>,
+    /// The layer after them, which is not followed by an activation.
     pub(super) linear: Option<Dense>,
-    /// The factor of `tanh`, once `tanh` was applied.
+    /// The function that limits the output, once it was applied.
+    pub(super) limit: Option<Limit>,
+    /// The factor of the limited output. A `tanh` without one may turn out to be an activation.
     pub(super) reach: Option<f32>,
 }
 
@@ -27,14 +32,16 @@ impl Folded {
                 scale: vec![1.0; columns],
             },
             hidden: Vec::new(),
+            activation: None,
             linear: None,
+            limit: None,
             reach: None,
         }
     }
 
     /// Adds constants to the observation, or to the bias of the last layer.
     pub(super) fn add(&mut self, values: &[f32], sign: f32) -> anyhow::Result<()> {
-        ensure!(self.reach.is_none(), "displacement cannot be shifted");
+        ensure!(self.limit.is_none(), "displacement cannot be shifted");
         if let Some(layer) = &mut self.linear {
             let values = broadcast(values, layer.outputs)?;
             for (bias, x) in layer.bias.iter_mut().zip(values) {
@@ -53,13 +60,13 @@ impl Folded {
 
     /// Multiplies the observation, or the output of `tanh`, by constants.
     pub(super) fn scale(&mut self, values: &[f32]) -> anyhow::Result<()> {
-        if let Some(reach) = &mut self.reach {
+        if self.limit.is_some() {
             let same = values.iter().all(|x| *x == values[0]);
             ensure!(
                 same && !values.is_empty(),
                 "both components must have one scale"
             );
-            *reach *= values[0];
+            *self.reach.get_or_insert(1.0) *= values[0];
             return Ok(());
         }
         let normalizer = self.normalizer_mut()?;
@@ -72,7 +79,12 @@ impl Folded {
 
     /// Appends a layer.
     pub(super) fn apply(&mut self, layer: Dense) -> anyhow::Result<()> {
-        ensure!(self.reach.is_none(), "a layer after tanh");
+        ensure!(self.reach.is_none(), "a layer after tanh and its scale");
+        match self.limit.take() {
+            None => {}
+            Some(Limit::Tanh) => self.activate(Activation::Tanh)?,
+            Some(Limit::Clip) => bail!("a layer after a clip"),
+        }
         let before = self.linear.as_ref().or(self.hidden.last());
         let width = before.map_or(self.normalizer.offset.len(), |layer| layer.outputs);
         ensure!(
@@ -90,23 +102,34 @@ impl Folded {
 
     /// Applies ReLU to the last layer.
     pub(super) fn relu(&mut self) -> anyhow::Result<()> {
-        ensure!(self.reach.is_none(), "relu after tanh");
+        ensure!(self.limit.is_none(), "relu after tanh");
+        self.activate(Activation::Relu)
+    }
+
+    /// Makes the last layer a hidden one.
+    fn activate(&mut self, activation: Activation) -> anyhow::Result<()> {
+        let layer = self.linear.take();
+        ensure!(
+            *self.activation.get_or_insert(activation) == activation,
+            "hidden layers have different activations"
+        );
         self.hidden
-            .push(self.linear.take().context("relu of no layer")?);
+            .push(layer.context("an activation of no layer")?);
         Ok(())
     }
 
-    /// Applies `tanh` to the last layer.
-    pub(super) fn tanh(&mut self) -> anyhow::Result<()> {
-        ensure!(self.reach.is_none(), "tanh of tanh");
-        self.reach = Some(1.0);
+    /// Limits the last layer to `[-1, 1]`. A `tanh` is an activation if another layer follows.
+    pub(super) fn limit(&mut self, limit: Limit) -> anyhow::Result<()> {
+        ensure!(self.limit.is_none(), "an output that is limited twice");
+        ensure!(self.linear.is_some(), "a limit of no layer");
+        self.limit = Some(limit);
         Ok(())
     }
 
     /// Keeps the outputs of the last layer from `bounds[0]` to before `bounds[1]`; negative bounds
     /// count from the end.
     pub(super) fn slice(&mut self, bounds: [i64; 2]) -> anyhow::Result<()> {
-        ensure!(self.reach.is_none(), "a slice after tanh");
+        ensure!(self.limit.is_none(), "a slice after tanh");
         let layer = self.linear.as_mut().context("a slice of no layer")?;
         let n = layer.outputs as i64;
         let [start, end] = bounds.map(|b| (if b < 0 { b + n } else { b }).clamp(0, n) as usize);

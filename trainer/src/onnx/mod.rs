@@ -11,6 +11,7 @@
 //! a test vector.
 
 mod contract;
+mod convert;
 mod folded;
 mod graph;
 mod metadata;
@@ -21,4 +22,5 @@ mod tensor;
 mod write;
 
 pub use contract::{FORMAT_VERSION, OPSET};
+pub use convert::to_policy_file;
 pub use write::write;

@@ -9,7 +9,8 @@
 //! user_scores  = W x + b                                             Gemm, or MatMul and Add
 //! ```
 //!
-//! The last two layers may be one layer whose output columns are separated by `Slice`. Constants
+//! The hidden layers may all have `Tanh` in place of `Relu`, and the displacement `Clip` to [-1, 1] in
+//! place of `Tanh`; the scores may have one of these two as well. The last two layers may be one layer whose output columns are separated by `Slice`. Constants
 //! are initializers or `Constant` nodes. Every other operator is an error that names the node.
 
 use std::{collections::HashMap, path::Path};
@@ -18,7 +19,11 @@ use anyhow::{Context, bail, ensure};
 use files::input;
 use firmware_core::{
     USERS_MAX,
-    policy::{Provenance, output_len, state_len},
+    policy::{
+        Provenance,
+        mlp::{Functions, Limit},
+        output_len, state_len,
+    },
 };
 use prost::Message;
 
@@ -90,15 +95,14 @@ impl<'g> Walk<'g> {
             found.with_context(|| format!("the graph has no output {name}"))
         };
         let (displacement, scores) = (output("displacement")?, output("user_scores")?);
-        let reach_m = displacement
-            .reach
-            .context("displacement must be tanh(..) times V_max delta")?;
+        let limited = displacement.limit.zip(displacement.reach);
+        let (limit, reach_m) =
+            limited.context("displacement must be tanh(..) or a clip, times V_max delta")?;
+        ensure!(scores.reach.is_none(), "user_scores must not be scaled");
         ensure!(
-            scores.reach.is_none(),
-            "user_scores must be linear in the last hidden layer"
-        );
-        ensure!(
-            displacement.hidden == scores.hidden && displacement.normalizer == scores.normalizer,
+            displacement.hidden == scores.hidden
+                && displacement.activation == scores.activation
+                && displacement.normalizer == scores.normalizer,
             "displacement and user_scores must share their hidden layers"
         );
         let (u, s) = (displacement.linear, scores.linear);
@@ -122,6 +126,11 @@ impl<'g> Walk<'g> {
             provenance,
             normalizer: displacement.normalizer,
             layers,
+            functions: Functions {
+                activation: displacement.activation.unwrap_or_default(),
+                displacement: limit,
+                scores: scores.limit,
+            },
             reach_m,
         })
     }
@@ -167,7 +176,15 @@ impl<'g> Walk<'g> {
                 value.apply(layer)?;
             }
             "Relu" => value.relu()?,
-            "Tanh" => value.tanh()?,
+            "Tanh" => value.limit(Limit::Tanh)?,
+            "Clip" if position == 0 => {
+                let bound = |index| tensor::floats(self.constant(node, index)?, index);
+                ensure!(
+                    bound(1)? == [-1.0] && bound(2)? == [1.0],
+                    "only a clip to [-1, 1] can limit the displacement"
+                );
+                value.limit(Limit::Clip)?;
+            }
             "Slice" => {
                 let bound = |index| tensor::integer(self.constant(node, index)?, index);
                 let optional = |index: usize, absent| match node.input.len() > index {
@@ -220,6 +237,7 @@ mod tests {
         sac::Sac,
         settings::{Algorithm, Preset, TrainingSettings},
     };
+    use firmware_core::policy::mlp::{Activation, Mlp};
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
     use scenario::Scenario;
@@ -252,6 +270,35 @@ mod tests {
         }];
         let again = parse(&write(&ignoring)).expect("a policy");
         assert_eq!(again.normalizer, ignoring.normalizer);
+    }
+
+    /// The functions of other trainers are written and read, and a file of the microcontroller has them.
+    #[test]
+    fn the_functions_of_other_trainers_are_kept() {
+        let limits = [Limit::Tanh, Limit::Clip];
+        for activation in [Activation::Relu, Activation::Tanh] {
+            for (displacement, scores) in [
+                (limits[0], None),
+                (limits[0], Some(limits[0])),
+                (limits[1], Some(limits[1])),
+            ] {
+                let mut other = actor();
+                other.functions = Functions {
+                    activation,
+                    displacement,
+                    scores,
+                };
+                assert_eq!(parse(&write(&other)).expect("a policy"), other);
+                let file = other.to_policy_file().expect("small");
+                let loaded = Mlp::load(&file[..]).expect("valid");
+                assert_eq!(loaded.header().functions, other.functions);
+                let observation = other.random_observation(&mut Pcg64Mcg::seed_from_u64(2));
+                let expected = other.evaluate(&observation);
+                for (got, expected) in loaded.evaluate(&observation).iter().zip(expected) {
+                    assert!((f64::from(*got) - expected).abs() < 1e-4);
+                }
+            }
+        }
     }
 
     /// Returns the error message for a policy file that `spoil` has changed.
@@ -306,7 +353,8 @@ mod tests {
         let expected = "(Sigmoid): Sigmoid is not an operator that a policy is made of";
         assert!(error.ends_with(expected), "{error}");
         let error = refused(|graph| rename(graph, "Relu", "Tanh"));
-        assert!(error.ends_with("a layer after tanh"), "{error}");
+        let expected = "hidden layers have different activations";
+        assert!(error.ends_with(expected), "{error}");
         let error = refused(|graph| {
             let scale = graph.node[1].clone();
             let relu = graph.node.iter_mut().find(|node| node.op_type == "Relu");

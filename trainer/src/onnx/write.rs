@@ -5,6 +5,7 @@ use super::{
     graph::{Graph, integer, listed},
 };
 use crate::actor::{Actor, Dense};
+use firmware_core::policy::mlp::{Activation, Limit};
 
 /// Returns the bytes of an `.onnx` file. The same actor always gives the same bytes.
 pub fn write(actor: &Actor) -> Vec<u8> {
@@ -18,13 +19,28 @@ pub fn write(actor: &Actor) -> Vec<u8> {
     let (last, hidden) = actor.layers.split_last().expect("a network has layers");
     for (index, layer) in hidden.iter().enumerate() {
         x = dense(&mut graph, layer, &x, &format!("hidden{index}"));
-        x = graph.node("Relu", &[&x], &format!("hidden{index}.relu"));
+        x = match actor.functions.activation {
+            Activation::Relu => graph.node("Relu", &[&x], &format!("hidden{index}.relu")),
+            Activation::Tanh => graph.node("Tanh", &[&x], &format!("hidden{index}.tanh")),
+        };
     }
     let u = dense(&mut graph, &last.rows(0..2), &x, "displacement.linear");
-    let a = graph.node("Tanh", &[&u], "displacement.unit");
+    let a = limited(
+        &mut graph,
+        actor.functions.displacement,
+        &u,
+        "displacement.unit",
+    );
     let reach = graph.constant("reach_m", &[1, 1], &[actor.reach_m]);
     graph.node("Mul", &[&a, &reach], "displacement");
-    dense(&mut graph, &last.rows(2..2 + users), &x, "user_scores");
+    let scores = last.rows(2..2 + users);
+    match actor.functions.scores {
+        None => dense(&mut graph, &scores, &x, "user_scores"),
+        Some(limit) => {
+            let linear = dense(&mut graph, &scores, &x, "user_scores.linear");
+            limited(&mut graph, limit, &linear, "user_scores")
+        }
+    };
     graph.finish(
         &[("observation", &[1, n])],
         &[
@@ -57,6 +73,18 @@ fn metadata(actor: &Actor) -> Vec<(&'static str, String)> {
         ("test_displacement", listed(&test.displacement)),
         ("test_user_scores", listed(&test.user_scores)),
     ]
+}
+
+/// Adds the function that limits a value to `[-1, 1]`.
+fn limited(graph: &mut Graph, limit: Limit, input: &str, output: &str) -> String {
+    match limit {
+        Limit::Tanh => graph.node("Tanh", &[input], output),
+        Limit::Clip => {
+            let low = graph.constant(&format!("{output}.low"), &[], &[-1.0]);
+            let high = graph.constant(&format!("{output}.high"), &[], &[1.0]);
+            graph.node("Clip", &[input, &low, &high], output)
+        }
+    }
 }
 
 fn dense(graph: &mut Graph, layer: &Dense, input: &str, output: &str) -> String {

@@ -10,8 +10,63 @@ use crate::policy::{
     output_len, state_len,
 };
 
-/// The format version that this crate reads and writes.
+/// The format version of a file with the functions that [`Functions::default`] returns.
 pub const FORMAT_VERSION: u16 = 1;
+
+/// The format version of a file that states its [`Functions`].
+pub const FORMAT_VERSION_FUNCTIONS: u16 = 3;
+
+/// The function after each hidden layer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Activation {
+    /// `max(0, x)`.
+    #[default]
+    Relu,
+    /// `tanh(x)`.
+    Tanh,
+}
+
+/// A function that limits outputs to `[-1, 1]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Limit {
+    /// `tanh(u)`.
+    #[default]
+    Tanh,
+    /// `max(-1, min(1, u))`.
+    Clip,
+}
+
+/// The functions of a network that are not linear. Those of our own training are the default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Functions {
+    /// The function after each hidden layer.
+    pub activation: Activation,
+    /// The function after the outputs for the displacement, before they are scaled to metres.
+    pub displacement: Limit,
+    /// The function after the scores, if there is one.
+    pub scores: Option<Limit>,
+}
+
+impl Limit {
+    /// Returns the limited value.
+    pub(super) fn apply(self, x: f32) -> f32 {
+        match self {
+            Self::Tanh => libm::tanhf(x),
+            Self::Clip => x.clamp(-1.0, 1.0),
+        }
+    }
+}
+
+impl Functions {
+    /// Returns the format version of files with these functions.
+    pub fn format_version(&self) -> u16 {
+        if *self == Self::default() {
+            FORMAT_VERSION
+        } else {
+            FORMAT_VERSION_FUNCTIONS
+        }
+    }
+}
 
 /// The largest width of a layer, input and output included.
 pub const WIDTH_MAX: usize = 256;
@@ -24,13 +79,29 @@ pub const LAYERS_MAX: usize = 6;
 pub struct Header {
     /// The origin of the policy.
     pub provenance: Provenance,
-    /// `V_max delta`, metres: the factor of `tanh`.
+    /// The functions of the network; not in a file of version 1.
+    #[serde(skip)]
+    pub functions: Functions,
+    /// `V_max delta`, metres: the factor of the limited displacement.
     pub reach_m: f32,
     /// Sizes from input to output, for example `[19, 128, 128, 17]`.
     pub sizes: Vec<u16, { LAYERS_MAX + 1 }>,
 }
 
 impl Header {
+    /// Returns the header of a file and the bytes of its numbers.
+    pub(super) fn read(file: &[u8]) -> Result<(Self, &[u8]), LoadError> {
+        let header = |_| LoadError::Header;
+        if container::format_version(file)? != FORMAT_VERSION_FUNCTIONS {
+            let body = container::open(file, FORMAT_VERSION)?;
+            return postcard::take_from_bytes(body).map_err(header);
+        }
+        let body = container::open(file, FORMAT_VERSION_FUNCTIONS)?;
+        let ((functions, read), numbers): ((Functions, Self), &[u8]) =
+            postcard::take_from_bytes(body).map_err(header)?;
+        Ok((Self { functions, ..read }, numbers))
+    }
+
     pub(super) fn inputs(&self) -> usize {
         self.sizes.first().map_or(0, |&n| n.into())
     }
@@ -165,9 +236,13 @@ pub fn write(
         capacity: file.len(),
     };
     let (_, body) = file.split_at_mut_checked(PREAMBLE).ok_or(too_long)?;
-    let head = postcard::to_slice(header, body)
-        .map_err(|_| too_long)?
-        .len();
+    let version = header.functions.format_version();
+    let head = if version == FORMAT_VERSION {
+        postcard::to_slice(header, body)
+    } else {
+        postcard::to_slice(&(header.functions, header), body)
+    };
+    let head = head.map_err(|_| too_long)?.len();
     let end = head + expected;
     let room = body.get_mut(head..end).ok_or(too_long)?;
     for (bytes, number) in room.chunks_exact_mut(4).zip(numbers) {
@@ -175,6 +250,6 @@ pub fn write(
     }
     let length = PREAMBLE + end;
     let file = file.get_mut(..length).ok_or(too_long)?;
-    container::seal(file, FORMAT_VERSION).ok_or(too_long)?;
+    container::seal(file, version).ok_or(too_long)?;
     Ok(length)
 }

@@ -5,7 +5,7 @@ use core::fmt;
 
 use heapless::Vec;
 
-use super::format::{FORMAT_VERSION, Header, LoadError, WIDTH_MAX};
+use super::format::{Activation, Header, LoadError, WIDTH_MAX};
 use crate::collect::collect_first;
 use crate::mission::MissionChange;
 use crate::policy::container::{self, floats};
@@ -36,9 +36,7 @@ impl<B: AsRef<[u8]>> Mlp<B> {
     /// Returns what is wrong with the file.
     pub fn load(file: B) -> Result<Self, LoadError> {
         let bytes = file.as_ref();
-        let body = container::open(bytes, FORMAT_VERSION)?;
-        let (header, numbers): (Header, &[u8]) =
-            postcard::take_from_bytes(body).map_err(|_| LoadError::Header)?;
+        let (header, numbers) = Header::read(bytes)?;
         header.check()?;
         let (got, expected) = (numbers.len(), 4 * header.number_count());
         if got != expected {
@@ -115,8 +113,14 @@ impl<B: AsRef<[u8]>> Mlp<B> {
             Ok(numbers) if cfg!(target_endian = "little") => self.run_over(numbers, buffer)?,
             _ => self.run_over(numbers.as_chunks::<4>().0, buffer)?,
         }
+        let functions = self.header.functions;
         for u in buffer.iter_mut().take(2) {
-            *u = self.header.reach_m * libm::tanhf(*u);
+            *u = self.header.reach_m * functions.displacement.apply(*u);
+        }
+        if let Some(limit) = functions.scores {
+            for score in buffer.iter_mut().take(self.header.outputs()).skip(2) {
+                *score = limit.apply(*score);
+            }
         }
         buffer.get(..self.header.outputs())
     }
@@ -141,7 +145,11 @@ impl<B: AsRef<[u8]>> Mlp<B> {
             multiply(weights, buffer.get(..inputs)?, next)?;
             for ((y, z), bias) in buffer.iter_mut().zip(&*next).zip(bias) {
                 let z = z + bias.value();
-                *y = if layers_left > 0 { z.max(0.0) } else { z };
+                *y = match self.header.functions.activation {
+                    _ if layers_left == 0 => z,
+                    Activation::Relu => z.max(0.0),
+                    Activation::Tanh => libm::tanhf(z),
+                };
             }
         }
         Some(())

@@ -30,13 +30,18 @@ fn header() -> Header {
             episodes: 4000,
             seed: 1,
         },
+        functions: Functions::default(),
         reach_m: 30.0,
         sizes: heapless::Vec::from_slice(&SIZES).expect("short"),
     }
 }
 
 /// The network as the module's header defines it, in double precision.
-fn reference(numbers: &[f32], observation: &[f32]) -> StdVec<f64> {
+fn reference(functions: Functions, numbers: &[f32], observation: &[f32]) -> StdVec<f64> {
+    let limited = |limit, x: f64| match limit {
+        Limit::Tanh => x.tanh(),
+        Limit::Clip => x.clamp(-1.0, 1.0),
+    };
     let number = |i: usize| f64::from(numbers[i]);
     let mut x: StdVec<f64> = (0..19)
         .map(|i| (f64::from(observation[i]) - number(i)) * number(19 + i))
@@ -50,20 +55,31 @@ fn reference(numbers: &[f32], observation: &[f32]) -> StdVec<f64> {
                 let sum: f64 = (0..inputs)
                     .map(|i| number(at + o * inputs + i) * x[i])
                     .sum();
-                if layer < 2 {
-                    (sum + bias).max(0.0)
-                } else {
-                    sum + bias
+                match functions.activation {
+                    _ if layer == 2 => sum + bias,
+                    Activation::Relu => (sum + bias).max(0.0),
+                    Activation::Tanh => (sum + bias).tanh(),
                 }
             })
             .collect();
         at += outputs * (inputs + 1);
     }
-    x[..2].iter_mut().for_each(|u| *u = 30.0 * u.tanh());
+    for u in &mut x[..2] {
+        *u = 30.0 * limited(functions.displacement, *u);
+    }
+    if let Some(limit) = functions.scores {
+        x[2..]
+            .iter_mut()
+            .for_each(|score| *score = limited(limit, *score));
+    }
     x
 }
 
 fn numbers() -> StdVec<f32> {
+    numbers_for(Functions::default())
+}
+
+fn numbers_for(functions: Functions) -> StdVec<f32> {
     let mut rng = Pcg64Mcg::seed_from_u64(6);
     let count = header().number_count();
     let mut numbers: StdVec<f32> = (0..count)
@@ -71,7 +87,7 @@ fn numbers() -> StdVec<f32> {
         .collect();
     let start = count - 17 - 19;
     let observation = numbers[start..start + 19].to_vec();
-    let expected = reference(&numbers, &observation);
+    let expected = reference(functions, &numbers, &observation);
     for (slot, value) in numbers[start + 19..].iter_mut().zip(expected) {
         *slot = value as f32;
     }
@@ -93,12 +109,38 @@ fn sealed(mut file: StdVec<u8>) -> StdVec<u8> {
 
 #[test]
 fn outputs_agree_with_double_precision() {
-    let policy = Mlp::load(file()).expect("sound");
-    let numbers = numbers();
+    let limits = [Limit::Tanh, Limit::Clip];
+    for activation in [Activation::Relu, Activation::Tanh] {
+        for displacement in limits {
+            for scores in [None, Some(Limit::Tanh), Some(Limit::Clip)] {
+                outputs_agree(Functions {
+                    activation,
+                    displacement,
+                    scores,
+                });
+            }
+        }
+    }
+}
+
+fn outputs_agree(functions: Functions) {
+    let mut file = vec![0; 20_000];
+    let numbers = numbers_for(functions);
+    let header = Header {
+        functions,
+        ..header()
+    };
+    let length = write(&header, numbers.iter().copied(), &mut file).expect("sound");
+    file.truncate(length);
+    let version = crate::policy::format_version(&file);
+    let is_default = functions == Functions::default();
+    assert_eq!(version, Ok(if is_default { 1 } else { 3 }));
+    let policy = Mlp::load(file).expect("sound");
+    assert_eq!(policy.header(), &header);
     let mut rng = Pcg64Mcg::seed_from_u64(8);
     for _ in 0..1000 {
         let observation: StdVec<f32> = (0..19).map(|_| rng.random_range(-3.0..3.0)).collect();
-        let expected = reference(&numbers, &observation);
+        let expected = reference(functions, &numbers, &observation);
         let got = policy.evaluate(&observation);
         assert_eq!(got.len(), expected.len());
         for (i, (got, expected)) in got.iter().zip(&expected).enumerate() {

@@ -1,10 +1,12 @@
 //! What a flight ends with: the report's files, the summary, and the exit code.
 
-use std::{io::Write, path::PathBuf};
+use std::{fs, io::Write, path::PathBuf};
 
 use clap::Args;
+use files::output;
 use host_sim::{
     flight::{FailedFlight, FlightError},
+    flight_log,
     record::{FlightRecord, Summary},
     report::{self, Look},
 };
@@ -19,9 +21,40 @@ pub(super) struct OutputArguments {
     /// parameters of the vehicle are changed, their journal
     #[arg(long, default_value = "out", value_name = "DIR")]
     pub(super) out: PathBuf,
+    /// Also write the flight as an MCAP log, which Foxglove opens (docs/formats.md)
+    #[arg(long, value_name = "F.mcap")]
+    mcap: Option<PathBuf>,
     /// Print only the contents of summary.json on standard output
     #[arg(long)]
     json: bool,
+}
+
+impl OutputArguments {
+    /// Checks that the log can be written: better now than after the flight.
+    pub(super) fn check_mcap(&self) -> Result<(), Failure> {
+        let Some(path) = &self.mcap else {
+            return Ok(());
+        };
+        let named =
+            |problem: String| Failure::bad_input(format!("--mcap {}: {problem}", path.display()));
+        if path.is_dir() {
+            return Err(named("is a directory".into()));
+        }
+        let folder = output::folder(path);
+        // A folder that is missing has the shorter message of the two.
+        let checked = fs::metadata(folder).and_then(|_| output::probe(folder));
+        checked.map_err(|error| named(error.to_string()))
+    }
+
+    /// Writes the log, if one was asked for.
+    fn write_mcap(&self, record: &FlightRecord) -> Result<(), Failure> {
+        let Some(path) = &self.mcap else {
+            return Ok(());
+        };
+        let named = |problem: String| Failure::failed(format!("{}: {problem}", path.display()));
+        let log = flight_log::mcap(record).map_err(named)?;
+        output::write(path, &log).map_err(|error| named(error.to_string()))
+    }
 }
 
 /// Writes the report of a flight that was completed or failed, and returns its error. `prints_events`
@@ -59,6 +92,7 @@ fn write_report(record: &FlightRecord, output: &OutputArguments) -> Result<Summa
     let out = &output.out;
     let summary: Summary = report::write(record, out)
         .map_err(|error| Failure::failed(format!("{}: {error}", out.display())))?;
+    output.write_mcap(record)?;
     let mut stdout = std::io::stdout().lock();
     if output.json {
         let text = serde_json::to_string_pretty(&summary).map_err(Failure::failed)?;

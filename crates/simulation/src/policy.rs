@@ -1,13 +1,9 @@
 //! The policies that can be selected on the command line.
 
+mod choice;
 mod trained;
 
-use std::{
-    fmt,
-    path::{Path, PathBuf},
-    str::FromStr,
-    time::Duration,
-};
+use std::{path::Path, time::Duration};
 
 #[cfg(feature = "onnx")]
 use firmware_core::policy::onnx::{OnnxNetwork, OnnxPolicy, SetsOnnx};
@@ -30,98 +26,14 @@ use planning::bound;
 use planning::planner::{self, HostPlanner, PlanProgress};
 use planning::{search::SearchPolicy, waypoint_file};
 use scenario::Scenario;
+
+pub use choice::PolicyChoice;
 pub use trained::for_any_mission;
 use trained::{FOR_ANY_MISSION, shipped, trained_for};
 
-/// A policy as selected on the command line.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum PolicyChoice {
-    /// The trained policy that is shipped for the mission (SAC with Table I's settings), or the
-    /// onboard planner for other missions and in builds without the feature `onnx`.
-    #[default]
-    Shipped,
-    /// Flies straight to the destination and serves the nearest user.
-    StraightLine,
-    /// Hovers over the centre of all nodes and serves the nearest user.
-    Fixed,
-    /// The near-optimal mission that `host-sim bound` finds, computed before take-off.
-    Search,
-    /// The onboard planner, which plans before take-off and re-plans in flight.
-    Plan,
-    /// The plan that [`PolicyChoice::Plan`] has before take-off, after at most this time, flown as it
-    /// is: nothing is re-planned or improved in flight.
-    PlanOnce(Option<Duration>),
-    /// The trained policy that is shipped for any mission.
-    Any,
-    /// A trained policy.
-    File(PathBuf),
-    /// A directory with `.onnx` files: the policy among them that was trained for the mission.
-    Trained(PathBuf),
-    /// A file with planned waypoints: see [`waypoint_file`].
-    Waypoints(PathBuf),
-}
-
-impl FromStr for PolicyChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "shipped" => Ok(Self::Shipped),
-            "straight-line" => Ok(Self::StraightLine),
-            "fixed" => Ok(Self::Fixed),
-            "search" => Ok(Self::Search),
-            "plan" => Ok(Self::Plan),
-            "any" => Ok(Self::Any),
-            "plan-once" => Ok(Self::PlanOnce(None)),
-            _ => {
-                if let Some(seconds) = text.strip_prefix("plan-once:") {
-                    return planning_time(seconds).map(|time| Self::PlanOnce(Some(time)));
-                }
-                let path = PathBuf::from(text);
-                match path.extension().and_then(|extension| extension.to_str()) {
-                    Some("onnx" | "policy") => Ok(Self::File(path)),
-                    Some("csv" | "plan") => Ok(Self::Waypoints(path)),
-                    _ if path.is_dir() => Ok(Self::Trained(path)),
-                    _ => Err(
-                        "must be shipped, plan, plan-once, plan-once:SECONDS, any, straight-line, fixed, \
-                         search, a file that ends in .onnx, .policy, .csv or .plan, or a directory of .onnx files"
-                            .into(),
-                    ),
-                }
-            }
-        }
-    }
-}
-
-/// Reads the time that planning may take.
-fn planning_time(text: &str) -> Result<Duration, String> {
-    let seconds: Option<f64> = text.parse().ok();
-    let seconds = seconds.filter(|seconds| (0.0..=3600.0).contains(seconds));
-    let time = seconds.map(Duration::from_secs_f64);
-    time.ok_or_else(|| format!("the time of planning is {text}, but must be 0 to 3600 seconds"))
-}
-
-impl fmt::Display for PolicyChoice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Shipped => f.write_str("shipped"),
-            Self::StraightLine => f.write_str("straight-line"),
-            Self::Fixed => f.write_str("fixed"),
-            Self::Search => f.write_str("search"),
-            Self::Plan => f.write_str("plan"),
-            Self::Any => f.write_str("any"),
-            Self::PlanOnce(None) => f.write_str("plan-once"),
-            Self::PlanOnce(Some(time)) => write!(f, "plan-once:{}", time.as_secs_f64()),
-            // Records contain only the file's name, because its directory does not affect its decisions.
-            Self::File(path) | Self::Waypoints(path) | Self::Trained(path) => {
-                match path.file_name() {
-                    Some(name) => name.to_string_lossy().fmt(f),
-                    None => path.display().fmt(f),
-                }
-            }
-        }
-    }
-}
+/// Converts the content of an `.onnx` file to that of a `.policy` file. A program that is built without
+/// tract can load `.onnx` files with it; the error is a message of one line.
+pub type OnnxConverter = fn(&[u8]) -> Result<Vec<u8>, String>;
 
 /// A trained network for any mission.
 #[derive(Debug)]
@@ -185,6 +97,19 @@ impl HostPolicy {
         Self::load_watched(choice, scenario, |_| {})
     }
 
+    /// Like [`HostPolicy::load`], but `.onnx` files are converted to `.policy` files and evaluated as
+    /// these are.
+    ///
+    /// # Errors
+    /// Like [`HostPolicy::load`].
+    pub fn load_converted(
+        choice: &PolicyChoice,
+        scenario: &Scenario,
+        converter: OnnxConverter,
+    ) -> Result<(Self, String), String> {
+        Self::load_with(choice, scenario, Some(converter), |_| {})
+    }
+
     /// Like [`HostPolicy::load`], and calls `progress` during a search or a plan.
     ///
     /// # Errors
@@ -192,20 +117,32 @@ impl HostPolicy {
     pub fn load_watched(
         choice: &PolicyChoice,
         scenario: &Scenario,
+        progress: impl FnMut(LoadProgress<'_>),
+    ) -> Result<(Self, String), String> {
+        Self::load_with(choice, scenario, None, progress)
+    }
+
+    fn load_with(
+        choice: &PolicyChoice,
+        scenario: &Scenario,
+        converter: Option<OnnxConverter>,
         mut progress: impl FnMut(LoadProgress<'_>),
     ) -> Result<(Self, String), String> {
+        let from_file =
+            |path: &Path, file: Vec<u8>| Self::from_file(path, file, scenario, converter);
         let mission = &scenario.mission;
         let policy = match choice {
             PolicyChoice::Shipped => {
-                if let Some((name, file)) = shipped(scenario) {
-                    let policy = Self::from_file(Path::new(name), file.to_vec(), scenario)?;
+                let reads_onnx = cfg!(feature = "onnx") || converter.is_some();
+                if let Some((name, file)) = shipped(scenario).filter(|_| reads_onnx) {
+                    let policy = from_file(Path::new(name), file.to_vec())?;
                     return Ok((policy, name.into()));
                 }
-                return Self::load_watched(&PolicyChoice::Plan, scenario, progress);
+                return Self::load_with(&PolicyChoice::Plan, scenario, converter, progress);
             }
             PolicyChoice::Any => {
                 let (name, file) = FOR_ANY_MISSION;
-                Self::from_file(Path::new(name), file.to_vec(), scenario)?
+                from_file(Path::new(name), file.to_vec())?
             }
             PolicyChoice::StraightLine => Self::StraightLine(StraightLine::new(mission)),
             PolicyChoice::Fixed => Self::Fixed(FixedPosition::central(mission)),
@@ -229,12 +166,12 @@ impl HostPolicy {
             }
             PolicyChoice::Trained(folder) => {
                 let (path, file) = trained_for(folder, scenario)?;
-                let policy = Self::from_file(&path, file, scenario)?;
+                let policy = from_file(&path, file)?;
                 return Ok((policy, PolicyChoice::File(path).to_string()));
             }
             PolicyChoice::File(path) => {
                 let file = input::read(path).map_err(|error| named(path, error))?;
-                Self::from_file(path, file, scenario)?
+                from_file(path, file)?
             }
             PolicyChoice::Waypoints(path) => {
                 let file = input::read(path).map_err(|error| named(path, error))?;
@@ -251,14 +188,19 @@ impl HostPolicy {
         scenario.foreign_policy(&self.provenance()?.scenario_digest)
     }
 
-    fn from_file(path: &Path, file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {
-        let policy = if path
-            .extension()
-            .is_some_and(|extension| extension == "onnx")
-        {
-            Self::read_onnx(&file, scenario)
-        } else {
-            Self::read_policy(file, scenario)
+    fn from_file(
+        path: &Path,
+        file: Vec<u8>,
+        scenario: &Scenario,
+        converter: Option<OnnxConverter>,
+    ) -> Result<Self, String> {
+        let is_onnx = path.extension().is_some_and(|kind| kind == "onnx");
+        let policy = match (is_onnx, converter) {
+            (true, None) => Self::read_onnx(&file, scenario),
+            (true, Some(convert)) => {
+                convert(&file).and_then(|file| Self::read_policy(file, scenario))
+            }
+            (false, _) => Self::read_policy(file, scenario),
         };
         let policy = policy.map_err(|error| named(path, error))?;
         if let Some(provenance) = policy.provenance() {
@@ -270,7 +212,7 @@ impl HostPolicy {
 
     fn read_policy(file: Vec<u8>, scenario: &Scenario) -> Result<Self, String> {
         match format_version(&file).map_err(|error| error.to_string())? {
-            mlp::FORMAT_VERSION => {
+            mlp::FORMAT_VERSION | mlp::FORMAT_VERSION_FUNCTIONS => {
                 let policy = Mlp::load(file).map_err(|error| error.to_string())?;
                 Ok(Self::Mlp(Box::new(policy)))
             }
@@ -282,9 +224,10 @@ impl HostPolicy {
                 Self::for_any_mission(network, scenario)
             }
             other => Err(format!(
-                "format version is {other}, but this build reads {} and {}",
+                "format version is {other}, but this build reads {}, {} and {}",
                 mlp::FORMAT_VERSION,
-                sets::FORMAT_VERSION
+                sets::FORMAT_VERSION,
+                mlp::FORMAT_VERSION_FUNCTIONS
             )),
         }
     }
@@ -382,7 +325,7 @@ mod tests {
     use super::*;
 
     fn shipped(name: &str) -> PolicyChoice {
-        let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
+        let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models");
         PolicyChoice::File(models.join(name))
     }
 

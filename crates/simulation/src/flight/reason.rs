@@ -23,7 +23,7 @@ const WARNING: u8 = 4;
 const NOTICE: u8 = 5;
 
 /// Returns whether the event is shown to the user when it happens.
-pub(crate) fn is_notable(event: &Event) -> bool {
+pub fn is_notable(event: &Event) -> bool {
     match event {
         Event::Text { severity, .. } => *severity <= WARNING,
         // A parameter that was not restored is reported as something to do.

@@ -7,7 +7,7 @@ use serde::Serialize;
 use vehicle::Profile;
 
 use super::{Flown, fly_through};
-use crate::policy::PolicyChoice;
+use crate::policy::{HostPolicy, PolicyChoice};
 
 /// A mission and what changes in it.
 #[derive(Clone, Debug)]
@@ -95,7 +95,13 @@ fn leaves_a_way(scenario: &Scenario, events: &Events) -> bool {
 impl ChangeMission {
     /// Flies the mission with one policy, and plans it with hindsight.
     pub fn fly(&self, choice: &PolicyChoice, profile: Profile) -> ChangeFlight {
-        let (flown, path) = fly_through(&self.scenario, &self.events, choice, profile);
+        let (flown, path) = fly_through(
+            &self.scenario,
+            &self.events,
+            choice,
+            profile,
+            HostPolicy::load,
+        );
         let known = hindsight(&self.scenario.mission, &self.events, &path);
         ChangeFlight {
             kind: self.kind,

@@ -50,6 +50,9 @@ impl BoundRecord {
     }
 }
 
+/// The bounds of the 200 missions of the benchmark.
+const SHIPPED: &str = include_str!("../../../../benchmarks/bounds.csv");
+
 /// The bounds of a set of missions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bounds {
@@ -57,6 +60,15 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// Returns the certified bounds of the benchmark's missions, `benchmarks/bounds.csv`.
+    pub fn shipped() -> Self {
+        let records = csv::Reader::from_reader(SHIPPED.as_bytes()).into_deserialize();
+        let records: Result<Vec<BoundRecord>, _> = records.collect();
+        Self {
+            records: records.expect("the file in the repository is read by a test"),
+        }
+    }
+
     /// Reads `bounds.csv` of a directory; returns no bounds if there is no such file.
     ///
     /// # Errors
@@ -118,8 +130,21 @@ impl Bounds {
     /// # Errors
     /// Returns a message of one line if the mission is too large to be bounded.
     pub fn certify(scenario: &Scenario) -> Result<BoundRecord, String> {
+        Self::certify_until(scenario, &|| false)
+    }
+
+    /// Like [`Bounds::certify`], and stops as soon as `stop` returns true. The bound is then valid, but
+    /// not as tight.
+    ///
+    /// # Errors
+    /// Like [`Bounds::certify`].
+    pub fn certify_until(
+        scenario: &Scenario,
+        stop: &(impl Fn() -> bool + Sync),
+    ) -> Result<BoundRecord, String> {
         let processor_time = ProcessorTime::start();
-        let bound = bound::certify(&scenario.mission, &bound::BoundSettings::default(), |_| {})
+        let settings = bound::BoundSettings::default();
+        let bound = bound::certify_until(&scenario.mission, &settings, stop, |_| {})
             .map_err(|error| format!("{}: {error}", scenario.name))?;
         Ok(BoundRecord {
             mission: scenario.name.clone(),
@@ -129,5 +154,22 @@ impl Bounds {
             gap: bound.gap,
             processor_seconds: processor_time.seconds(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The missions of the benchmark need no files: they are drawn from their seeds.
+    #[test]
+    fn the_shipped_bounds_are_those_of_seeds_1_to_200() {
+        let bounds = Bounds::shipped();
+        assert_eq!(bounds.len(), 200);
+        for seed in 1..=200 {
+            let scenario = scenario::random(seed, None).expect("a mission");
+            let record = bounds.of(&scenario.digest()).expect("a bound");
+            assert_eq!(record.mission, scenario.name);
+        }
     }
 }

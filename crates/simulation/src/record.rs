@@ -42,6 +42,8 @@ pub struct FlightRecord {
     pub ignores_errors: bool,
     /// The events of the autopilot and its client, in order.
     pub events: Vec<FlightEvent>,
+    /// When all of this happened.
+    pub times: FlightTimes,
     /// The frames that were received and lost on the ground link.
     pub link: LinkRecord,
     /// Whether the mission was flown to its end and the vehicle landed.
@@ -72,6 +74,17 @@ pub struct CertifiedBound {
     pub upper: f64,
     /// The file that it was read from, or `None` if it was computed for this flight.
     pub file: Option<String>,
+}
+
+/// The times of a flight, which put its slots, its path and its events on one clock.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FlightTimes {
+    /// The date when the client started, microseconds since 1970; that of `mavlink.tlog`.
+    pub epoch_us: u64,
+    /// The start of slot 1, seconds since the client started.
+    pub first_slot_s: f64,
+    /// When the ground had received each slot, seconds since the client started.
+    pub slots_s: Vec<f64>,
 }
 
 /// An event, in words.

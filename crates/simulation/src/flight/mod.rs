@@ -31,7 +31,7 @@ pub use flight_loop::{fly, fly_with};
 pub use observer::Observer;
 pub use outcome::{FailedFlight, FlightError};
 pub use peer::Peer;
-pub(crate) use reason::is_notable;
+pub use reason::is_notable;
 pub use settings::{
     CONNECT_PATIENCE, FlightSettings, RealTimeFactor, autopilot_settings, vehicle_settings,
 };

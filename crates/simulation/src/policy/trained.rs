@@ -14,7 +14,7 @@ macro_rules! cells {
     ($($name:literal,)*) => {
         [$((
             concat!($name, ".onnx"),
-            include_bytes!(concat!("../../../models/cells/", $name, ".onnx")),
+            include_bytes!(concat!("../../../../models/cells/", $name, ".onnx")),
         ),)*]
     };
 }
@@ -24,11 +24,11 @@ static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
     let default: [(&str, &[u8]); 2] = [
         (
             "separated-sac.onnx",
-            include_bytes!("../../../models/separated-sac.onnx"),
+            include_bytes!("../../../../models/separated-sac.onnx"),
         ),
         (
             "mixed-sac.onnx",
-            include_bytes!("../../../models/mixed-sac.onnx"),
+            include_bytes!("../../../../models/mixed-sac.onnx"),
         ),
     ];
     let cells: [(&str, &[u8]); CELLS] = cells![
@@ -53,8 +53,10 @@ static SHIPPED: LazyLock<Vec<(&str, &[u8])>> = LazyLock::new(|| {
 });
 /// The shipped policy for any mission, as `trainer convert` makes it from `models/any.onnx`: its
 /// file's name and content. It flies in builds without tract as well, and loads at once.
-pub(super) const FOR_ANY_MISSION: (&str, &[u8]) =
-    ("any.policy", include_bytes!("../../../models/any.policy"));
+pub(super) const FOR_ANY_MISSION: (&str, &[u8]) = (
+    "any.policy",
+    include_bytes!("../../../../models/any.policy"),
+);
 
 /// Returns the `.policy` file of the shipped policy for any mission.
 pub fn for_any_mission() -> &'static [u8] {
@@ -70,8 +72,8 @@ pub(super) fn shipped(scenario: &Scenario) -> Option<(&'static str, &'static [u8
     let digest = scenario.digest();
     let found = SHIPPED
         .iter()
-        .find(|(_, file)| contains_digest(file, &digest))?;
-    cfg!(feature = "onnx").then_some(*found)
+        .find(|(_, file)| contains_digest(file, &digest));
+    found.copied()
 }
 
 /// Returns whether an ONNX file may be a policy for the mission with this digest. The file contains

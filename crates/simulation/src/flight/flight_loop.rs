@@ -26,7 +26,7 @@ use super::{
     stopwatch::Stopwatch,
 };
 use crate::{
-    record::{FlightEvent, FlightNotes, FlightRecord, PathSample},
+    record::{FlightEvent, FlightNotes, FlightRecord, FlightTimes, PathSample},
     world::World,
 };
 
@@ -81,12 +81,14 @@ pub fn fly_with(
         uplink: Vec::new(),
         events: Vec::new(),
         path: Vec::new(),
+        slots_s: Vec::new(),
         started: None,
         slots: scenario.mission.slots(),
         connected: false,
         stop_asked: false,
         leave_at: None,
     };
+    let epoch_us = peer.unix_us(Instant::ZERO);
     let outcome = flight.run(&mut peer, observer);
     peer.finish(observer);
     if let Some(words) = flight.computer.left_over() {
@@ -105,11 +107,21 @@ pub fn fly_with(
         changes: events.clone(),
         ignores_errors: settings.ignores_errors,
         events: flight.events,
+        times: FlightTimes {
+            epoch_us,
+            first_slot_s: flight.started.map_or(0.0, seconds),
+            slots_s: flight.slots_s,
+        },
         completed: false,
         ended: String::new(),
         notes: FlightNotes::default(),
     };
     outcome_with_record(outcome, flight.connected, record)
+}
+
+/// Returns the time since the client started, seconds.
+fn seconds(now: Instant) -> f64 {
+    now.duration_since(Instant::ZERO).as_secs_f64()
 }
 
 /// A mission in progress.
@@ -122,6 +134,8 @@ struct Flight<'c, C> {
     uplink: Vec<u8>,
     events: Vec<FlightEvent>,
     path: Vec<PathSample>,
+    /// When each slot was received, seconds.
+    slots_s: Vec<f64>,
     /// The start of slot 1.
     started: Option<Instant>,
     /// `N`.
@@ -195,6 +209,7 @@ impl<C: OnboardComputer> Flight<'_, C> {
             self.uplink = (self.ground).receive::<C::Precision>(now, &round.to_ground, truth);
             for slot in self.ground.slots_mut().iter_mut().skip(done) {
                 self.stopwatch.note(slot);
+                self.slots_s.push(seconds(now));
                 observer.slot(slot);
             }
             if round.is_silent() && from_vehicle.is_empty() && from_ground.is_empty() {
@@ -244,7 +259,7 @@ impl<C: OnboardComputer> Flight<'_, C> {
         observer: &mut impl Observer,
     ) {
         let event = FlightEvent {
-            time_s: now.duration_since(Instant::ZERO).as_secs_f64(),
+            time_s: seconds(now),
             text,
             notable,
         };

@@ -58,11 +58,7 @@ fn share(flown: &Flown, bounds: &Bounds) -> Option<f64> {
 
 /// Returns the fractions that a policy reached on the missions that count, with the missions' names,
 /// in ascending order.
-pub(super) fn shares<'a>(
-    policy: &'a str,
-    flights: &'a [Flown],
-    bounds: &Bounds,
-) -> Vec<(f64, &'a str)> {
+pub fn shares<'a>(policy: &'a str, flights: &'a [Flown], bounds: &Bounds) -> Vec<(f64, &'a str)> {
     let mut shares: Vec<(f64, &str)> = flown_by(policy, flights)
         .filter_map(|flown| Some((share(flown, bounds)?, flown.mission.as_str())))
         .collect();
