@@ -62,6 +62,11 @@ def make_batch(
     return batch, missions
 
 
+# Bounds of observations. No mission has larger numbers in metres, slots or decibels; Gymnasium
+# recommends finite bounds, from which samples can be drawn.
+OBSERVATION_LIMIT = 1e9
+
+
 def policy_interface(
     observation: str, action: str, normalize: bool | None
 ) -> tuple[str, str, bool]:
@@ -72,7 +77,9 @@ def policy_interface(
 def observation_space(batch: Batch, observation: str) -> spaces.Space[Any]:
     """Return the space of one episode's observation."""
 
-    def box(shape: list[int], low: float = -np.inf, high: float = np.inf) -> spaces.Box:
+    limit = OBSERVATION_LIMIT
+
+    def box(shape: list[int], low: float = -limit, high: float = limit) -> spaces.Box:
         return spaces.Box(low, high, tuple(shape), np.float32)
 
     shapes = batch.observation_shapes
