@@ -98,9 +98,9 @@ fn files_that_cannot_fly_are_refused() {
     fs::write(&policy, bytes).expect("written");
     let refused = refusal(&["run", "--policy", text(&policy)]);
     assert!(refused.contains("any.policy: checksum is"), "{refused}");
-    fs::write(&policy, b"UAVP\x03\0\0\0\0\0").expect("written");
+    fs::write(&policy, b"UAVP\x04\0\0\0\0\0").expect("written");
     let refused = refusal(&["run", "--policy", text(&policy)]);
-    let expected = "any.policy: format version is 3, but this build reads 1 and 2";
+    let expected = "any.policy: format version is 4, but this build reads 1, 2 and 3";
     assert!(refused.contains(expected), "{refused}");
 }
 

@@ -34,6 +34,10 @@ pub(crate) struct Publish {
     /// Where all evaluations are equal within their noise, it is the one with the lowest learning rate
     #[arg(long)]
     latest: bool,
+    /// With a run of --missions random: take the mean of the weights and those of the best network of
+    /// this other run, from which the run started or which started from the same network
+    #[arg(long, value_name = "RUN")]
+    average_with: Option<PathBuf>,
 }
 
 impl Publish {
@@ -51,7 +55,13 @@ impl Publish {
         let name = self.stem.file_name().unwrap_or_default().to_string_lossy();
         let checkpoint = self.run.join(CHECKPOINT);
         if any_mission::method(&checkpoint).is_some() {
-            let network = any_mission::read_network(&checkpoint, self.latest)?;
+            let mut network = any_mission::read_network(&checkpoint, self.latest)?;
+            if let Some(other) = &self.average_with {
+                let path = other.join(CHECKPOINT);
+                network
+                    .average_with(&any_mission::read_network(&path, false)?)
+                    .with_context(|| path.display().to_string())?;
+            }
             let mut summary = any_mission::read_summary(&checkpoint)?;
             if self.latest {
                 summary.best_step = summary.steps;
@@ -64,10 +74,13 @@ impl Publish {
                 ("svg", curves::of_held_out(&summary.rows).into_bytes()),
             ]);
         }
-        ensure!(
-            !self.latest,
-            "--latest is only for a run with --missions random"
-        );
+        let only_random = [
+            ("--latest", self.latest),
+            ("--average-with", self.average_with.is_some()),
+        ];
+        for (option, given) in only_random {
+            ensure!(!given, "{option} is only for a run with --missions random");
+        }
         let Run { progress, scenario } = Run::open(&self.run)?;
         let best = progress.best.as_ref();
         let best = best.context("the run has no admissible policy")?;

@@ -1,7 +1,7 @@
 //! A trained network with its origin, and the `.policy` file that flies
 //! ([`firmware_core::policy::sets`]).
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, ensure};
 use firmware_core::{
     inner::Workspace,
     policy::{
@@ -56,6 +56,29 @@ impl TrainedNetwork {
         })
     }
 
+    /// Replaces each parameter by the mean of it and that of another network. Networks of one training
+    /// that is continued lie in one basin of the loss, and their mean is mostly better than either.
+    ///
+    /// # Errors
+    /// Fails if the other network has another size or was trained on other missions.
+    pub fn average_with(&mut self, other: &Self) -> anyhow::Result<()> {
+        ensure!(
+            self.architecture == other.architecture,
+            "its sizes are {:?}, but must be {:?}",
+            other.architecture,
+            self.architecture
+        );
+        let (missions, expected) = (&other.provenance.missions, &self.provenance.missions);
+        ensure!(
+            missions == expected,
+            "its missions are {missions:?}, but must be {expected:?}"
+        );
+        for (own, other) in self.parameters.iter_mut().zip(&other.parameters) {
+            *own = 0.5 * (*own + other);
+        }
+        Ok(())
+    }
+
     /// Returns the bytes of a `.policy` file. Its test vector is the start of a held-out mission.
     ///
     /// # Errors
@@ -91,4 +114,37 @@ pub fn test_observation() -> anyhow::Result<SetsObservation> {
         &observation,
         &mut Workspace::default(),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imitation::encoder::FEATURES;
+    use crate::nn::sets::SetNetwork;
+
+    #[test]
+    fn parameters_are_averaged_with_those_of_networks_that_fit() {
+        let settings = ImitationSettings::default();
+        let network = |seed| {
+            let parameters = SetNetwork::new(settings.architecture, FEATURES, seed).export();
+            TrainedNetwork::of_run(&settings, "imitation", 1, parameters).expect("a network")
+        };
+        let (mut mean, other) = (network(1), network(2));
+        mean.average_with(&other).expect("fits");
+        let own = network(1);
+        let last = own.parameters.len() - 1;
+        for index in [0, last / 2, last] {
+            let expected = 0.5 * (own.parameters[index] + other.parameters[index]);
+            assert_eq!(mean.parameters[index], expected);
+        }
+        let mut larger = network(2);
+        larger.architecture.layers += 1;
+        let error = mean.average_with(&larger).expect_err("another size");
+        assert!(error.to_string().contains("layers: 4"), "{error}");
+        let mut elsewhere = network(2);
+        elsewhere.provenance.missions = "one".try_into().expect("short");
+        let error = mean.average_with(&elsewhere).expect_err("other missions");
+        assert!(error.to_string().contains("\"one\""), "{error}");
+        assert_ne!(mean.parameters, own.parameters);
+    }
 }
