@@ -34,8 +34,8 @@ pub(crate) struct Publish {
     /// Where all evaluations are equal within their noise, it is the one with the lowest learning rate
     #[arg(long)]
     latest: bool,
-    /// With a run of --missions random: take the mean of the weights and those of the best network of
-    /// this other run, from which the run started or which started from the same network
+    /// With a run of --missions random: take the mean of the weights of four networks, the best and the
+    /// latest ones of the run and of this other run, which it started from
     #[arg(long, value_name = "RUN")]
     average_with: Option<PathBuf>,
 }
@@ -57,10 +57,15 @@ impl Publish {
         if any_mission::method(&checkpoint).is_some() {
             let mut network = any_mission::read_network(&checkpoint, self.latest)?;
             if let Some(other) = &self.average_with {
-                let path = other.join(CHECKPOINT);
+                let other = other.join(CHECKPOINT);
+                let others = [
+                    any_mission::read_network(&checkpoint, !self.latest)?,
+                    any_mission::read_network(&other, false)?,
+                    any_mission::read_network(&other, true)?,
+                ];
                 network
-                    .average_with(&any_mission::read_network(&path, false)?)
-                    .with_context(|| path.display().to_string())?;
+                    .average_with(&others)
+                    .with_context(|| other.display().to_string())?;
             }
             let mut summary = any_mission::read_summary(&checkpoint)?;
             if self.latest {

@@ -56,25 +56,29 @@ impl TrainedNetwork {
         })
     }
 
-    /// Replaces each parameter by the mean of it and that of another network. Networks of one training
-    /// that is continued lie in one basin of the loss, and their mean is mostly better than either.
+    /// Replaces each parameter by the mean of it and those of other networks. Networks of one training
+    /// that is continued lie in one basin of the loss, and their mean is mostly better than each.
     ///
     /// # Errors
-    /// Fails if the other network has another size or was trained on other missions.
-    pub fn average_with(&mut self, other: &Self) -> anyhow::Result<()> {
-        ensure!(
-            self.architecture == other.architecture,
-            "its sizes are {:?}, but must be {:?}",
-            other.architecture,
-            self.architecture
-        );
-        let (missions, expected) = (&other.provenance.missions, &self.provenance.missions);
-        ensure!(
-            missions == expected,
-            "its missions are {missions:?}, but must be {expected:?}"
-        );
-        for (own, other) in self.parameters.iter_mut().zip(&other.parameters) {
-            *own = 0.5 * (*own + other);
+    /// Fails if another network has another size or was trained on other missions.
+    pub fn average_with(&mut self, others: &[Self]) -> anyhow::Result<()> {
+        for other in others {
+            ensure!(
+                self.architecture == other.architecture,
+                "its sizes are {:?}, but must be {:?}",
+                other.architecture,
+                self.architecture
+            );
+            let (missions, expected) = (&other.provenance.missions, &self.provenance.missions);
+            ensure!(
+                missions == expected,
+                "its missions are {missions:?}, but must be {expected:?}"
+            );
+        }
+        let scale = 1.0 / (1.0 + others.len() as f32);
+        for (index, own) in self.parameters.iter_mut().enumerate() {
+            let sum: f32 = others.iter().map(|other| other.parameters[index]).sum();
+            *own = scale * (*own + sum);
         }
         Ok(())
     }
@@ -130,7 +134,7 @@ mod tests {
             TrainedNetwork::of_run(&settings, "imitation", 1, parameters).expect("a network")
         };
         let (mut mean, other) = (network(1), network(2));
-        mean.average_with(&other).expect("fits");
+        mean.average_with(&[other.clone()]).expect("fits");
         let own = network(1);
         let last = own.parameters.len() - 1;
         for index in [0, last / 2, last] {
@@ -139,11 +143,11 @@ mod tests {
         }
         let mut larger = network(2);
         larger.architecture.layers += 1;
-        let error = mean.average_with(&larger).expect_err("another size");
+        let error = mean.average_with(&[larger]).expect_err("another size");
         assert!(error.to_string().contains("layers: 4"), "{error}");
         let mut elsewhere = network(2);
         elsewhere.provenance.missions = "one".try_into().expect("short");
-        let error = mean.average_with(&elsewhere).expect_err("other missions");
+        let error = mean.average_with(&[elsewhere]).expect_err("other missions");
         assert!(error.to_string().contains("\"one\""), "{error}");
         assert_ne!(mean.parameters, own.parameters);
     }
