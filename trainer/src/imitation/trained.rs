@@ -134,7 +134,8 @@ mod tests {
             TrainedNetwork::of_run(&settings, "imitation", 1, parameters).expect("a network")
         };
         let (mut mean, other) = (network(1), network(2));
-        mean.average_with(&[other.clone()]).expect("fits");
+        let others = std::slice::from_ref(&other);
+        mean.average_with(others).expect("fits");
         let own = network(1);
         let last = own.parameters.len() - 1;
         for index in [0, last / 2, last] {
